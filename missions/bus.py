@@ -1,0 +1,257 @@
+"""The bus: typed messages over zenoh. The only module that imports zenoh.
+
+sim_bridge holds the router that all other processes connect to; it listens on loopback unless told otherwise, and
+neither multicast nor gossip scouting is on. Lock-step topics are counted per key, so that a receiver knows when it
+holds everything that was sent before a tick (see `missions.clock`).
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import threading
+import time
+import uuid
+from collections import defaultdict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import zenoh
+
+from missions.errors import LinkError
+from missions.topics import ROOT, M, Topic
+
+log = logging.getLogger(__name__)
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+LEASE_MS = 2000
+MAX_MESSAGE_BYTES = 64 * 1024 * 1024
+DELIVERY_TIMEOUT_S = 10.0
+
+
+class _Envelope(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    sender: str
+    boot: str
+    t_ns: int
+    body: msgspec.Raw
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """A decoded message: its topic, the id in its key, who sent it, and the simulated time at which it was sent."""
+
+    topic: Topic[Any]
+    who: str
+    sender: str
+    t_ns: int
+    message: Any
+
+
+class _Inbox:
+    """Raw messages of one concrete key, of its sender's newest boot."""
+
+    def __init__(self) -> None:
+        self.boot = ""
+        self.received = 0
+        self.delivered = 0
+        self.expected = 0
+        self.queue: deque[_Envelope] = deque()
+
+    def put(self, envelope: _Envelope) -> None:
+        if envelope.boot != self.boot:
+            self.boot, self.received, self.delivered, self.expected = envelope.boot, 0, 0, 0
+            self.queue.clear()
+        self.received += 1
+        self.queue.append(envelope)
+
+
+class Bus:
+    """A session on the bus. Use as a context manager: a zenoh session that is not closed hangs at exit."""
+
+    def __init__(self, name: str, fleet: str, *, connect: str = "", listen: str = "") -> None:
+        """listen makes this the router (sim_bridge); connect joins one. Raises LinkError."""
+        self.name, self.fleet, self.boot = name, fleet, uuid.uuid4().hex[:12]
+        self.t_ns = 0
+        self.rejected = 0
+        self.published: dict[str, int] = {}
+        self._changed: set[str] = set()
+        self._patterns: list[tuple[re.Pattern[str], Topic[Any]]] = []
+        self._topic_of: dict[str, tuple[Topic[Any], str] | None] = {}
+        self._inboxes: dict[str, _Inbox] = defaultdict(_Inbox)
+        self._free: deque[tuple[str, _Envelope]] = deque()
+        self._alive: set[str] = set()
+        self._condition = threading.Condition()
+        self._publishers: dict[str, Any] = {}
+        self._held: list[Any] = []
+        try:
+            self._session = zenoh.open(_config(connect, listen))
+        except zenoh.ZError as e:
+            raise LinkError(f"{name}: no bus at {connect or listen} ({e}); is sim_bridge running there?") from e
+        prefix = f"{ROOT}/{fleet}/alive/"
+        self._held.append(self._session.liveliness().declare_subscriber(
+            prefix + "*", lambda s: self._on_alive(str(s.key_expr)[len(prefix):], s.kind), history=True))
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def subscribe(self, topic: Topic[M], who: int | str = "*") -> None:
+        """Receive a topic, from one id or from all."""
+        key = topic.key(self.fleet, who)
+        pattern = re.compile("([^/]+)".join(re.escape(part) for part in key.split("*")))
+        with self._condition:
+            self._patterns.append((pattern, topic))
+            self._topic_of.clear()
+        self._held.append(self._session.declare_subscriber(key, self._on_sample))
+
+    def announce_alive(self) -> None:
+        """Show presence. Call after the last `subscribe`: who sees us alive knows that we hear it."""
+        self._held.append(self._session.liveliness().declare_token(f"{ROOT}/{self.fleet}/alive/{self.name}"))
+
+    def alive(self) -> frozenset[str]:
+        """Names of the processes on the bus."""
+        with self._condition:
+            return frozenset(self._alive)
+
+    def publish(self, topic: Topic[M], message: M, who: int | str = "") -> None:
+        """Send a message, stamped with the bus's simulated time `t_ns`."""
+        key = topic.key(self.fleet, who)
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._publishers[key] = self._session.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
+        if topic.lockstep:
+            self.published[key] = self.published.get(key, 0) + 1
+            self._changed.add(key)
+        body = msgspec.Raw(msgspec.msgpack.encode(message))
+        publisher.put(msgspec.msgpack.encode(_Envelope(self.name, self.boot, self.t_ns, body)))
+
+    def take_counts(self) -> dict[str, int]:
+        """Totals of the lock-step keys that were published on since the last call."""
+        changed, self._changed = self._changed, set()
+        return {key: self.published[key] for key in sorted(changed)}
+
+    def collect(self, counts: dict[str, int]) -> list[Delivery]:
+        """The lock-step messages up to these totals, in an order that depends on keys alone.
+
+        Waits for what is still under way; a sender that died with messages unsent costs DELIVERY_TIMEOUT_S once.
+        """
+        with self._condition:
+            for key, total in counts.items():
+                if self._topic(key) is not None:
+                    self._inboxes[key].expected = total
+            due = sorted(k for k, box in self._inboxes.items() if box.expected > box.delivered)
+            ready = self._condition.wait_for(
+                lambda: all(self._inboxes[k].received >= self._inboxes[k].expected for k in due), DELIVERY_TIMEOUT_S)
+            if not ready:
+                log.warning("%s: messages lost: %s", self.name,
+                            [k for k in due if self._inboxes[k].received < self._inboxes[k].expected])
+            raw: list[tuple[str, _Envelope]] = []
+            for key in due:
+                box = self._inboxes[key]
+                n = min(len(box.queue), box.expected - box.delivered)
+                raw.extend((key, box.queue.popleft()) for _ in range(n))
+                box.delivered = box.expected
+        return self._decode(raw)
+
+    def poll(self, until: Callable[[], bool] | None = None, timeout_s: float | None = 0.0) -> list[Delivery]:
+        """Messages of topics outside the lock-step, waiting for at least one (or for `until`, which is called with
+        the lock held) up to timeout_s; None waits for ever."""
+        with self._condition:
+            self._condition.wait_for(lambda: bool(self._free) or (until is not None and until()), timeout_s)
+            raw = list(self._free)
+            self._free.clear()
+        return self._decode(raw)
+
+    def is_alive(self, name: str) -> bool:
+        """Whether a process is on the bus; may be called with the lock held."""
+        return name in self._alive
+
+    def wait_alive(self, names: set[str], timeout_s: float) -> None:
+        """Wait until all these processes are on the bus. Raises LinkError naming those missing."""
+        deadline = time.monotonic() + timeout_s
+        with self._condition:
+            if not self._condition.wait_for(lambda: names <= self._alive, max(0.0, deadline - time.monotonic())):
+                missing = ", ".join(sorted(names - self._alive))
+                raise LinkError(f"{self.name}: not on the bus after {timeout_s:.0f} s: {missing}; start them too.")
+
+    def _decode(self, raw: list[tuple[str, _Envelope]]) -> list[Delivery]:
+        out = []
+        for key, envelope in raw:
+            found = self._topic(key)
+            if found is None:
+                continue
+            topic, who = found
+            try:
+                message = msgspec.msgpack.decode(envelope.body, type=topic.type)
+            except msgspec.DecodeError as e:
+                self._reject(key, e)
+                continue
+            out.append(Delivery(topic, who, envelope.sender, envelope.t_ns, message))
+        return out
+
+    def _topic(self, key: str) -> tuple[Topic[Any], str] | None:
+        if key not in self._topic_of:
+            self._topic_of[key] = next(
+                ((topic, self._who(topic, key)) for pattern, topic in self._patterns if pattern.fullmatch(key)), None)
+        return self._topic_of[key]
+
+    def _who(self, topic: Topic[Any], key: str) -> str:
+        head, _, tail = topic.wildcard(self.fleet).partition("*")
+        return key[len(head):len(key) - len(tail)] if "{id}" in topic.path else ""
+
+    def _on_sample(self, sample: Any) -> None:
+        key = str(sample.key_expr)
+        try:
+            envelope = msgspec.msgpack.decode(bytes(sample.payload), type=_Envelope)
+        except msgspec.DecodeError as e:
+            self._reject(key, e)
+            return
+        with self._condition:
+            found = self._topic(key)
+            if found is None:
+                return
+            if found[0].lockstep:
+                self._inboxes[key].put(envelope)
+            else:
+                self._free.append((key, envelope))
+            self._condition.notify_all()
+
+    def _on_alive(self, name: str, kind: Any) -> None:
+        with self._condition:
+            (self._alive.add if kind == zenoh.SampleKind.PUT else self._alive.discard)(name)
+            self._condition.notify_all()
+
+    def _reject(self, key: str, error: Exception) -> None:
+        self.rejected += 1
+        log.warning("%s: refused a message on %s: %s", self.name, key, error)
+
+
+def _config(connect: str, listen: str) -> Any:
+    config = zenoh.Config()
+    settings: dict[str, Any] = {
+        "mode": "router" if listen else "client",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "listen/endpoints": [listen] if listen else [],
+        "connect/endpoints": [connect] if connect else [],
+        "connect/timeout_ms": 20_000,
+        "connect/exit_on_failure": True,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+    }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config

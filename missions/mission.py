@@ -1,0 +1,323 @@
+"""The mission file: one typed tree, loaded from TOML, overridden by dotted names, written into the run folder.
+
+Every field has its unit in its name. Unknown keys are refused. Every error names the file, the key and the remedy.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import tomli_w
+from msgspec import Meta
+
+from missions.camera import Camera
+from missions.errors import UserError
+
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+Percent = Annotated[float, Meta(ge=0, le=100)]
+Point = tuple[float, float, float]
+
+MISSIONS_FOLDER = Path(__file__).resolve().parent
+
+
+class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class SceneSpec(_Section, frozen=True, kw_only=True):
+    """The true world. Only sim_bridge reads this section; the planners never see the scene."""
+
+    name: str = "bridge"
+    """A built-in structure (bridge, building, statue, powerline); ignored when path is given."""
+    path: str = ""
+    """A GLB/OBJ/PLY/STL file, or a folder laid out as in the thesis's Figure 4.2; relative to the working directory."""
+    seed: int = 1
+    units_per_metre: Positive = 1.0
+    """How many units of the file make a metre (1000 for a model in millimetres)."""
+    surroundings: bool = True
+
+
+class SiteSpec(_Section, frozen=True, kw_only=True):
+    """Where the world's ENU origin lies, and what the operator knows of the object: its box."""
+
+    origin_lat_deg: Annotated[float, Meta(ge=-89, le=89)] = 52.2205
+    origin_lon_deg: Annotated[float, Meta(ge=-180, le=180)] = 6.8861
+    origin_alt_m: float = 40.0
+    object_min_enu_m: Point | None = None
+    """Lower corner of the object's bounding box; taken from the scene's bounds when left out."""
+    object_max_enu_m: Point | None = None
+    ground_up_m: float | None = None
+    camera_margin_m: Positive = 9.0
+    """Cameras may stand up to this far outside the object's box, sideways and above."""
+    camera_floor_m: Positive = 2.0
+    """Lowest height above ground at which a picture may be taken."""
+    geofence_margin_m: Positive = 12.0
+    """The geofence reaches this far beyond the camera bounds (take-off points lie inside it)."""
+
+
+class FleetSpec(_Section, frozen=True, kw_only=True):
+    """The vehicles: how many, how large, how fast."""
+
+    vehicles: Annotated[int, Meta(ge=1, le=32)] = 2
+    takeoff_enu_m: list[Point] = []
+    """One point per vehicle; when empty, in a row beside the object, outside its box."""
+    radius_m: Positive = 0.3
+    clearance_m: Positive = 1.2
+    """Least distance between the vehicle's centre and anything it knows to be solid."""
+    separation_m: Positive = 3.0
+    """Least distance between the centres of two vehicles."""
+    speed_m_s: Positive = 3.0
+    acceleration_m_s2: Positive = 2.0
+    jerk_m_s3: Positive = 6.0
+    yaw_rate_deg_s: Positive = 60.0
+    range_sensor_m: Positive = 8.0
+    """Reach of the simulated obstacle sensor. It serves avoidance only, never exploration or mapping."""
+
+
+class BatterySpec(_Section, frozen=True, kw_only=True):
+    """Battery by Algorithm 1 of the thesis: percent per metre flown; further terms are off by default."""
+
+    percent_per_m: NonNegative = 0.055
+    """A small camera drone (34 min rated flight, DJI Mini 4 Pro) at 1 m/s mean inspection speed with 10 % lost to wind
+    and stops flies about 1.8 km: 100 % / 1836 m."""
+    hover_percent_per_s: NonNegative = 0.0
+    start_percent: list[Percent] = []
+    """One value per vehicle; 100 when empty."""
+    threshold_percent: Percent = 20.0
+    """At this level a vehicle returns and its remaining views go to the others (thesis section 4.4.6)."""
+
+
+class CameraSpec(_Section, frozen=True, kw_only=True):
+    """Optics shared by exploration and survey. The thesis's 9.6 x 7.2 mm sensor with f = 20 mm would see 27 deg; the
+    84 deg of its text (and of the DJI Mini 4 Pro) is the default."""
+
+    diagonal_fov_deg: Annotated[float, Meta(gt=10, lt=150)] = 84.0
+    focal_px: Positive | None = None
+    """Focal length at survey resolution; replaces diagonal_fov_deg when given."""
+    principal_point_px: tuple[float, float] | None = None
+    explore_px: tuple[int, int] = (456, 256)
+    survey_px: tuple[int, int] = (1920, 1080)
+    jpeg_quality: Annotated[int, Meta(ge=50, le=100)] = 95
+    noise_dn: NonNegative = 1.0
+    """Standard deviation of simulated sensor noise, in 8-bit steps."""
+
+    def survey_camera(self) -> Camera:
+        """Intrinsics of a survey picture."""
+        w, h = self.survey_px
+        camera = Camera.from_diagonal_fov(w, h, self.diagonal_fov_deg)
+        f = self.focal_px if self.focal_px is not None else camera.fx_px
+        cx, cy = self.principal_point_px or (camera.cx_px, camera.cy_px)
+        return Camera(w, h, f, f, cx, cy)
+
+    def explore_camera(self) -> Camera:
+        """Intrinsics of an exploration picture: the same diagonal field of view, fewer pixels."""
+        if self.focal_px is None and self.principal_point_px is None:
+            return Camera.from_diagonal_fov(*self.explore_px, self.diagonal_fov_deg)
+        return self.survey_camera().scaled(*self.explore_px)
+
+
+class ExploreSpec(_Section, frozen=True, kw_only=True):
+    """Next-best-view exploration."""
+
+    enabled: bool = True
+    max_views: Annotated[int, Meta(ge=0)] = 120
+    """Decisions (key views) over all vehicles."""
+    frames_per_leg: Annotated[int, Meta(ge=1, le=20)] = 4
+    """Pictures per leg, the key view included (MACARONS takes 4)."""
+    lattice_step_m: Positive = 4.0
+    elevations_deg: tuple[float, ...] = (-60.0, -30.0, 0.0, 30.0, 60.0)
+    azimuths: Annotated[int, Meta(ge=4, le=36)] = 10
+    voxel_m: Positive = 0.5
+    sensing_range_m: Positive = 25.0
+    """Depth beyond this is not used for mapping; also the range within which the referee counts a point as seen."""
+    stop_gain: NonNegative = 0.01
+    """Exploration ends when the best view's expected gain falls below this share of the largest gain so far."""
+
+
+class SurveySpec(_Section, frozen=True, kw_only=True):
+    """The thesis's exploit phase: full-resolution pictures for photogrammetry."""
+
+    enabled: bool = True
+    views: Literal["map", "exploration", "file"] = "map"
+    """Where the survey's views come from: planned on the explored map, the exploration's key views, or a file."""
+    views_path: str = ""
+    max_views: Annotated[int, Meta(ge=1)] = 160
+    distance_m: Positive = 7.0
+    """Preferred distance to the surface."""
+    pictures_per_patch: Annotated[int, Meta(ge=1)] = 3
+    allocation: Literal["distance", "distance_elevation"] = "distance"
+    """Cost of a leg in the tours: 3-D length, or alpha * horizontal + beta * vertical (thesis Eq. 4.4)."""
+    alpha: NonNegative = 1.0
+    beta: NonNegative = 0.5
+    settle_s: NonNegative = 0.5
+
+
+class ReconstructSpec(_Section, frozen=True, kw_only=True):
+    """From survey pictures to cloud and mesh."""
+
+    enabled: bool = True
+    depth_width_px: Annotated[int, Meta(ge=160)] = 960
+    pairs_per_picture: Annotated[int, Meta(ge=1)] = 4
+    min_confidence: Annotated[int, Meta(ge=1)] = 3
+    """Agreeing depth maps that a point needs (the thesis drops confidence 0-2)."""
+    cloud_spacing_m: Positive = 0.03
+    mesh: bool = True
+
+
+class RenderSpec(_Section, frozen=True, kw_only=True):
+    """Sun and sky of the simulated pictures."""
+
+    sun_azimuth_deg: float = 215.0
+    """Clockwise from North."""
+    sun_elevation_deg: Annotated[float, Meta(gt=0, le=90)] = 48.0
+    backend: Literal["auto", "egl", "raycast"] = "auto"
+
+
+class ClockSpec(_Section, frozen=True, kw_only=True):
+    """Simulated time."""
+
+    tick_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.1
+    link_latency_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.01
+    speed: NonNegative = 0.0
+    """Simulated seconds per wall second; 0 is as fast as the machine goes."""
+    max_s: Positive = 7200.0
+    epoch_utc: str = "2026-06-01T10:00:00Z"
+    """Simulated time zero, for EXIF."""
+
+
+class ObstacleSpec(_Section, frozen=True, kw_only=True):
+    """A box that appears in the true world in flight (fault injection; known to sim_bridge alone)."""
+
+    center_enu_m: Point
+    size_m: Point
+    appears_at_s: NonNegative = 0.0
+    disappears_at_s: Positive = 1e9
+
+
+class Mission(_Section, frozen=True, kw_only=True):
+    """A whole mission."""
+
+    title: str
+    description: str = ""
+    seed: int = 1
+    knowledge: Literal["none", "mesh"] = "none"
+    scene: SceneSpec = SceneSpec()
+    site: SiteSpec = SiteSpec()
+    fleet: FleetSpec = FleetSpec()
+    battery: BatterySpec = BatterySpec()
+    camera: CameraSpec = CameraSpec()
+    explore: ExploreSpec = ExploreSpec()
+    survey: SurveySpec = SurveySpec()
+    reconstruct: ReconstructSpec = ReconstructSpec()
+    render: RenderSpec = RenderSpec()
+    clock: ClockSpec = ClockSpec()
+    obstacles: list[ObstacleSpec] = []
+
+    @property
+    def mission_hash(self) -> str:
+        """SHA-256 over the canonical content, first 16 hex digits."""
+        return hashlib.sha256(msgspec.json.encode(self)).hexdigest()[:16]
+
+
+def find_mission(name_or_path: str) -> Path:
+    """The mission file meant by a path or by the bare name of one in missions/."""
+    for candidate in (Path(name_or_path), MISSIONS_FOLDER / name_or_path, MISSIONS_FOLDER / f"{name_or_path}.toml"):
+        if candidate.is_file():
+            return candidate
+    known = ", ".join(sorted(p.stem for p in MISSIONS_FOLDER.glob("*.toml")))
+    raise UserError(f"{name_or_path}: no such mission file; give a path or one of: {known}.")
+
+
+def load_mission(path: Path, overrides: dict[str, str] | None = None) -> Mission:
+    """Read, override and check a mission file.
+
+    overrides: dotted field name to TOML value text, e.g. {"fleet.vehicles": "3"}.
+    Raises UserError naming file, key and remedy.
+    """
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as e:
+        raise UserError(f"{path}: not valid TOML ({e}); mend that line.") from e
+    except (OSError, UnicodeDecodeError) as e:
+        raise UserError(f"{path}: cannot be read ({e}); give a readable UTF-8 file.") from e
+    for key, text in (overrides or {}).items():
+        _override(tree, key, text)
+    try:
+        mission = msgspec.convert(tree, Mission)
+    except msgspec.ValidationError as e:
+        raise UserError(_explain(path, str(e))) from e
+    check(mission, str(path))
+    return mission
+
+
+def check(mission: Mission, where: str) -> None:
+    """Rules that hold between fields. Raises UserError."""
+    n = mission.fleet.vehicles
+    for key, values in (("fleet.takeoff_enu_m", mission.fleet.takeoff_enu_m),
+                        ("battery.start_percent", mission.battery.start_percent)):
+        if values and len(values) != n:
+            raise UserError(f"{where}: {key} has {len(values)} entries for {n} vehicles; give {n} or leave it out.")
+    lo, hi = mission.site.object_min_enu_m, mission.site.object_max_enu_m
+    if (lo is None) != (hi is None):
+        raise UserError(f"{where}: site.object_min_enu_m and site.object_max_enu_m belong together; give both or none.")
+    if lo is not None and hi is not None and any(b - a <= 0 for a, b in zip(lo, hi, strict=True)):
+        raise UserError(f"{where}: site.object_max_enu_m must exceed object_min_enu_m on every axis; swap or widen it.")
+    if mission.fleet.clearance_m <= mission.fleet.radius_m:
+        raise UserError(f"{where}: fleet.clearance_m must exceed fleet.radius_m; raise the clearance.")
+    if mission.survey.views == "file" and not mission.survey.views_path:
+        raise UserError(f"{where}: survey.views = \"file\" needs survey.views_path; name the views file.")
+
+
+def write_mission(mission: Mission, path: Path) -> None:
+    """Write the merged mission as TOML."""
+    tree = _without_none(msgspec.to_builtins(mission))
+    path.write_text(tomli_w.dumps(tree), encoding="utf-8")
+
+
+def without_scene(mission: Mission) -> Mission:
+    """The mission as the ground station and the vehicles get it: nothing of the true world in it."""
+    return msgspec.structs.replace(mission, scene=SceneSpec(name="", path=""), obstacles=[])
+
+
+def _override(tree: dict[str, Any], key: str, text: str) -> None:
+    try:
+        value = tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *parents, leaf = key.split(".")
+    node = tree
+    for name in parents:
+        child = node.setdefault(name, {})
+        if not isinstance(child, dict):
+            raise UserError(f"--set {key}: {name} is a value, not a section; check the dotted name.")
+        node = child
+    node[leaf] = value
+
+
+def _explain(path: Path, error: str) -> str:
+    where = re.search(r"at `\$\.?([^`]*)`", error)
+    what = re.sub(r" - at `[^`]*`", "", error)
+    unknown = re.search(r"unknown field `([^`]+)`", error)
+    section = where.group(1) if where else ""
+    if unknown:
+        key = f"{section}.{unknown.group(1)}" if section else unknown.group(1)
+        return f"{path}: unknown key {key}; remove it or see 'swarmscan missions --fields' for the names."
+    missing = re.search(r"missing required field `([^`]+)`", error)
+    if missing:
+        key = f"{section}.{missing.group(1)}" if section else missing.group(1)
+        return f"{path}: key {key} is missing; add it."
+    return f"{path}: key {section or '(top level)'}: {what[0].lower()}{what[1:]}; correct the value."
+
+
+def _without_none(tree: Any) -> Any:
+    if isinstance(tree, dict):
+        return {k: _without_none(v) for k, v in tree.items() if v is not None}
+    if isinstance(tree, list | tuple):
+        return [_without_none(v) for v in tree]
+    return tree

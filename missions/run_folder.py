@@ -1,0 +1,125 @@
+"""The layout of a run folder: one place that knows every file name in it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import resource
+from pathlib import Path
+from typing import Any
+
+from missions.messages import PictureMeta
+
+VIEW_COLUMNS = ("view_id", "vehicle_id", "phase", "t_capture_s", "east_m", "north_m", "up_m", "qw", "qx", "qy", "qz",
+                "speed_m_s", "path")
+
+
+class RunFolder:
+    """Paths of a run; folders are created when asked for."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def _dir(self, name: str) -> Path:
+        path = self.root / name
+        path.mkdir(parents=True, exist_ok=True)
+        return path
+
+    @property
+    def mission(self) -> Path:
+        """The merged mission."""
+        return self.root / "mission.toml"
+
+    @property
+    def pictures(self) -> Path:
+        """Pictures as the ground station received them."""
+        return self._dir("pictures")
+
+    @property
+    def logs(self) -> Path:
+        """One log per process."""
+        return self._dir("logs")
+
+    @property
+    def truth(self) -> Path:
+        """What sim_bridge's referee knows; read by `evaluate` and `report` alone, after the flight."""
+        return self._dir("truth")
+
+    @property
+    def truth_mesh(self) -> Path:
+        """The true object's exposed surface."""
+        return self.truth / "reference.ply"
+
+    @property
+    def referee(self) -> Path:
+        """Collisions, clearances, coverage (JSON)."""
+        return self.truth / "referee.json"
+
+    @property
+    def views_csv(self) -> Path:
+        """One row per picture."""
+        return self.root / "views.csv"
+
+    @property
+    def trajectories(self) -> Path:
+        """Per vehicle: time, position, velocity, battery at 10 Hz; tours with ids of origin."""
+        return self.root / "trajectories.npz"
+
+    @property
+    def flight(self) -> Path:
+        """What the ground station knows of the flight: phases, tours, reassignments, outcomes (JSON)."""
+        return self.root / "flight.json"
+
+    @property
+    def cloud(self) -> Path:
+        """Reconstructed cloud: x y z, red green blue, nx ny nz, confidence."""
+        return self.root / "cloud.ply"
+
+    @property
+    def mesh(self) -> Path:
+        """Reconstructed mesh."""
+        return self.root / "mesh.ply"
+
+    @property
+    def metrics(self) -> Path:
+        """All numbers of the run."""
+        return self.root / "metrics.json"
+
+    @property
+    def report(self) -> Path:
+        """One self-contained page."""
+        return self.root / "report.html"
+
+    def picture(self, vehicle_id: int, view_id: int) -> Path:
+        """`pictures/UAV_{id}_{pose_id}.jpg`, the thesis's naming."""
+        return self.pictures / f"UAV_{vehicle_id}_{view_id}.jpg"
+
+    def sd_card(self, vehicle_id: int) -> Path:
+        """The vehicle's own storage: pictures stay there until the ground has acknowledged them."""
+        return self._dir(f"sd_card_uav{vehicle_id}")
+
+    def write_process_record(self, name: str, **extra: Any) -> None:
+        """Peak memory of this process, for metrics.json; call once, at its end."""
+        peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        path = self._dir("processes") / f"{name}.json"
+        path.write_text(json.dumps({"name": name, "peak_memory_mib": round(peak_mib, 1), **extra}), encoding="utf-8")
+
+    def process_records(self) -> list[dict[str, Any]]:
+        """All records written so far, by name."""
+        return [json.loads(p.read_text(encoding="utf-8")) for p in sorted(self._dir("processes").glob("*.json"))]
+
+
+def view_row(meta: PictureMeta, path: str) -> list[Any]:
+    """The row of views.csv for a picture; path is relative to the run folder."""
+    q = meta.pose.quaternion_wxyz
+    e, n, u = meta.pose.position_enu_m
+    numbers = [f"{v:.9f}" for v in (meta.t_capture_ns / 1e9, e, n, u, *q, meta.speed_m_s)]
+    return [meta.view_id, meta.vehicle_id, meta.phase, *numbers, path]
+
+
+def write_views(path: Path, rows: list[list[Any]]) -> None:
+    """Write views.csv, rows in order of view id."""
+    with path.open("w", newline="", encoding="utf-8") as f:
+        writer = csv.writer(f)
+        writer.writerow(VIEW_COLUMNS)
+        writer.writerows(sorted(rows, key=lambda row: (str(row[2]), int(row[0]))))

@@ -1,0 +1,64 @@
+"""The topic table: key, message type, and whether the topic belongs to the lock-step of simulated time.
+
+Nothing else in the project spells a key.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from missions import messages as m
+
+M = TypeVar("M", bound=m.Message)
+ROOT = "swarmscan"
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M]):
+    """A family of keys `swarmscan/{fleet}/{path}`; `{id}` in the path stands for a vehicle id or a process name."""
+
+    path: str
+    type: type[M]
+    lockstep: bool
+
+    def key(self, fleet: str, who: int | str = "") -> str:
+        """The concrete key."""
+        return f"{ROOT}/{fleet}/" + self.path.replace("{id}", str(who))
+
+    def wildcard(self, fleet: str) -> str:
+        """The key expression that matches every id."""
+        return self.key(fleet, "*")
+
+
+# the clock itself
+JOIN = Topic("clock/join/{id}", m.Join, lockstep=False)
+WELCOME = Topic("clock/welcome/{id}", m.Welcome, lockstep=False)
+TICK = Topic("clock/tick", m.Tick, lockstep=False)
+TICK_DONE = Topic("clock/done/{id}", m.TickDone, lockstep=False)
+
+# vehicle to ground
+MAVLINK_UP = Topic("v/{id}/mavlink/up", m.MavlinkFrames, lockstep=True)
+PLAN_VERDICT = Topic("v/{id}/plan/verdict", m.PlanVerdict, lockstep=True)
+LEG_REPORT = Topic("v/{id}/leg", m.LegReport, lockstep=True)
+PICTURE_CHUNK = Topic("v/{id}/picture", m.PictureChunk, lockstep=True)
+
+# ground to vehicle
+MAVLINK_DOWN = Topic("g/{id}/mavlink/down", m.MavlinkFrames, lockstep=True)
+PLAN_HASH = Topic("g/{id}/plan/hash", m.PlanHash, lockstep=True)
+PICTURE_ACK = Topic("g/{id}/picture/ack", m.PictureAck, lockstep=True)
+MAP_SNAPSHOT = Topic("g/map", m.MapSnapshot, lockstep=True)
+
+# vehicle to everybody (teammates, ground, referee)
+VEHICLE_STATE = Topic("v/{id}/state", m.VehicleState, lockstep=True)
+ANNOUNCED = Topic("v/{id}/announced", m.AnnouncedTrajectory, lockstep=True)
+
+# vehicle and its simulated sensors
+SHUTTER = Topic("v/{id}/shutter", m.ShutterRequest, lockstep=True)
+SENSOR_PICTURE = Topic("w/{id}/picture", m.SensorPicture, lockstep=True)
+RANGE_SCAN = Topic("w/{id}/range", m.RangeScan, lockstep=True)
+
+# for people
+STATUS = Topic("g/status", m.Status, lockstep=False)
+
+ALL: tuple[Topic[m.Message], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Topic))
