@@ -1,0 +1,49 @@
+"""Where vehicles stand and may fly: take-off points, camera bounds, geofence. Pure functions of mission and site.
+
+The ground station, the vehicles and the referee all use these, so that nobody has a different idea of the limits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from missions.frames import Array
+from missions.messages import SiteBrief, Vector
+from missions.mission import Mission
+
+PAD_SPACING_M = 6.0
+PAD_DISTANCE_M = 12.0
+"""The row of pads lies this far before the object's box (towards -y)."""
+PARKED_HEIGHT_M = 0.2
+"""Height of a parked vehicle's centre above the ground."""
+PAD_FENCE_M = 3.0
+"""The geofence leaves at least this much room around every pad."""
+
+
+def takeoff_points(mission: Mission, site: SiteBrief) -> list[Vector]:
+    """One point per vehicle, ENU metres: the centre of the parked vehicle; vehicle K has entry K - 1."""
+    if mission.fleet.takeoff_enu_m:
+        return list(mission.fleet.takeoff_enu_m)
+    n = mission.fleet.vehicles
+    middle = 0.5 * (site.object_min_enu_m[0] + site.object_max_enu_m[0])
+    y, z = site.object_min_enu_m[1] - PAD_DISTANCE_M, site.ground_up_m + PARKED_HEIGHT_M
+    return [(middle + (k - 0.5 * (n - 1)) * PAD_SPACING_M, y, z) for k in range(n)]
+
+
+def camera_bounds(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
+    """(lower, upper), each (3,) ENU metres: the box in which pictures are taken; its floor is above the ground."""
+    margin = mission.site.camera_margin_m
+    lower, upper = np.array(site.object_min_enu_m) - margin, np.array(site.object_max_enu_m) + margin
+    lower[2] = site.ground_up_m + mission.site.camera_floor_m
+    return lower, upper
+
+
+def geofence(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
+    """(lower, upper), each (3,) ENU metres: the box no vehicle leaves; it holds all pads and stands on the ground."""
+    lower, upper = camera_bounds(mission, site)
+    lower, upper = lower - mission.site.geofence_margin_m, upper + mission.site.geofence_margin_m
+    pads = np.array(takeoff_points(mission, site))
+    lower = np.minimum(lower, pads.min(axis=0) - PAD_FENCE_M)
+    upper = np.maximum(upper, pads.max(axis=0) + PAD_FENCE_M)
+    lower[2] = site.ground_up_m
+    return lower, upper
