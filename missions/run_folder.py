@@ -122,4 +122,5 @@ def write_views(path: Path, rows: list[list[Any]]) -> None:
     with path.open("w", newline="", encoding="utf-8") as f:
         writer = csv.writer(f)
         writer.writerow(VIEW_COLUMNS)
-        writer.writerows(sorted(rows, key=lambda row: (str(row[2]), int(row[0]))))
+        ordered: list[list[Any]] = sorted(rows, key=lambda row: (str(row[2]), int(row[0])))
+        writer.writerows(ordered)

@@ -1,0 +1,73 @@
+"""`swarmscan`: one command, one table of subcommands.
+
+Each entry names its module as a string, so that the command turns into that process without the others being imported.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import sys
+from dataclasses import dataclass
+
+from missions.errors import SwarmscanError, UserError
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand: where its `main(argv) -> int` lives, and what it is for."""
+
+    name: str
+    target: str
+    purpose: str
+
+
+COMMANDS = (
+    Command("fly", "ground_station.launcher:main", "fly a mission on this machine: all processes, model, report"),
+    Command("missions", "missions.commands:main", "list and explain the mission files"),
+    Command("scenes", "sim_bridge.scenes.commands:main", "list, check and export true scenes"),
+    Command("ground-station", "ground_station.__main__:main", "the ground station process alone"),
+    Command("vehicle", "vehicle.__main__:main", "one vehicle process alone"),
+    Command("sim-bridge", "sim_bridge.__main__:main", "the simulated world alone"),
+    Command("reconstruct", "ground_station.stages:main_reconstruct", "pictures of a run to cloud and mesh"),
+    Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
+    Command("report", "ground_station.stages:main_report", "write the report page of a run"),
+    Command("bench-render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
+    Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
+)
+
+
+def usage() -> str:
+    """The help text."""
+    width = max(len(c.name) for c in COMMANDS)
+    lines = [f"  {c.name:<{width}}  {c.purpose}" for c in COMMANDS]
+    return "\n".join(["usage: swarmscan COMMAND ...  (swarmscan COMMAND --help for more)", "", *lines, ""])
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a subcommand; 2 for what the user can mend, 1 for what went wrong on the way."""
+    arguments = sys.argv[1:] if argv is None else argv
+    if not arguments or arguments[0] in ("-h", "--help"):
+        (sys.stdout if arguments else sys.stderr).write(usage())
+        return 0 if arguments else 2
+    command = next((c for c in COMMANDS if c.name == arguments[0]), None)
+    if command is None:
+        names = ", ".join(c.name for c in COMMANDS)
+        sys.stderr.write(f"swarmscan: unknown command {arguments[0]}; use one of: {names}.\n")
+        return 2
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    module, function = command.target.split(":")
+    try:
+        return int(getattr(importlib.import_module(module), function)(arguments[1:]))
+    except UserError as e:
+        sys.stderr.write(f"swarmscan {command.name}: {e}\n")
+        return 2
+    except SwarmscanError as e:
+        sys.stderr.write(f"swarmscan {command.name}: {e}\n")
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
