@@ -63,8 +63,10 @@ class _Inbox:
 
     def put(self, envelope: _Envelope) -> None:
         if envelope.boot != self.boot:
-            self.boot, self.received, self.delivered, self.expected = envelope.boot, 0, 0, 0
-            self.queue.clear()
+            if self.boot:  # the first message may come after the count that announces it
+                self.received, self.delivered, self.expected = 0, 0, 0
+                self.queue.clear()
+            self.boot = envelope.boot
         self.received += 1
         self.queue.append(envelope)
 
