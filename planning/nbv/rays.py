@@ -1,0 +1,138 @@
+"""Ray casting through a labelled voxel grid, compiled: Amanatides & Woo, Eurographics 1987.
+
+Every function writes each result in its own slot and sums in a fixed order, so results do not depend on the number
+of threads. Grid coordinates are voxels: (position - origin) / voxel.
+"""
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+FAR = 1e30
+
+
+@nb.njit(cache=True)
+def _axis(start, direction):
+    """Along one axis: cell, ray length to its wall, ray length between walls, step."""
+    cell = np.int64(math.floor(start))
+    if direction > 1e-12:
+        return cell, (cell + 1.0 - start) / direction, 1.0 / direction, 1
+    if direction < -1e-12:
+        return cell, (cell - start) / direction, -1.0 / direction, -1
+    return cell, FAR, FAR, 0
+
+
+@nb.njit(cache=True)
+def _inside(shape, i, j, k):
+    return 0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]
+
+
+@nb.njit(cache=True)
+def box_span(start, direction, lower, upper):
+    """(enter, leave) ray lengths of a box; enter > leave when the ray misses it."""
+    enter, leave = 0.0, FAR
+    for a in range(3):
+        if abs(direction[a]) < 1e-12:
+            if start[a] < lower[a] or start[a] > upper[a]:
+                return 1.0, 0.0
+            continue
+        t0 = (lower[a] - start[a]) / direction[a]
+        t1 = (upper[a] - start[a]) / direction[a]
+        enter = max(enter, min(t0, t1))
+        leave = min(leave, max(t0, t1))
+    return enter, leave
+
+
+@nb.njit(cache=True)
+def ray_gain(label, chance, value, start, direction, reach, flat_reach):
+    """Expected sum over the voxels along one ray of value * min(d, flat_reach)^2, in voxel^2 per steradian.
+
+    chance[label] is the probability that a voxel stops the ray, value[label] what it is worth when it does.
+    """
+    i, tx, dx, si = _axis(start[0], direction[0])
+    j, ty, dy, sj = _axis(start[1], direction[1])
+    k, tz, dz, sk = _axis(start[2], direction[2])
+    t, through, gain = 0.0, 1.0, 0.0
+    while t < reach and through > 0.02:
+        if _inside(label.shape, i, j, k):
+            here = label[i, j, k]
+            p = chance[here]
+            if p > 0.0:
+                d = min(t + 0.5, flat_reach)
+                gain += through * p * value[here] * d * d
+                through *= 1.0 - p
+        if tx <= ty and tx <= tz:
+            t, tx, i = tx, tx + dx, i + si
+        elif ty <= tz:
+            t, ty, j = ty, ty + dy, j + sj
+        else:
+            t, tz, k = tz, tz + dz, k + sk
+    return gain
+
+
+@nb.njit(cache=True, parallel=True)
+def view_gains(label, chance, value, starts, directions, lower, upper, reach, flat_reach, first_view, views, count):
+    """(p, count) sums of ray gains per start and orientation.
+
+    views[first_view[r]:first_view[r + 1]] are the orientations that see direction r. Rays that miss the box of interest
+    are not cast, and none is followed beyond it.
+    """
+    gains = np.zeros((len(starts), count))
+    for p in nb.prange(len(starts)):
+        for r in range(len(directions)):
+            enter, leave = box_span(starts[p], directions[r], lower, upper)
+            if enter >= leave or enter >= reach:
+                continue
+            gain = ray_gain(label, chance, value, starts[p], directions[r], min(reach, leave), flat_reach)
+            if gain > 0.0:
+                for at in range(first_view[r], first_view[r + 1]):
+                    gains[p, views[at]] += gain
+    return gains
+
+
+@nb.njit(cache=True)
+def mark_rays(label, chance, seen, start, directions, reach, least):
+    """Set seen[voxel] = True for every voxel that rays from start reach with probability of at least `least`."""
+    for r in range(len(directions)):
+        i, tx, dx, si = _axis(start[0], directions[r, 0])
+        j, ty, dy, sj = _axis(start[1], directions[r, 1])
+        k, tz, dz, sk = _axis(start[2], directions[r, 2])
+        t, through = 0.0, 1.0
+        while t < reach and through >= least:
+            if _inside(label.shape, i, j, k):
+                seen[i, j, k] = True
+                through *= 1.0 - chance[label[i, j, k]]
+            if tx <= ty and tx <= tz:
+                t, tx, i = tx, tx + dx, i + si
+            elif ty <= tz:
+                t, ty, j = ty, ty + dy, j + sj
+            else:
+                t, tz, k = tz, tz + dz, k + sk
+
+
+@nb.njit(cache=True)
+def segment_blocked(state, free, start, end, tolerance):
+    """Whether any voxel that is not `free` lies between start and `tolerance` before end; outside the grid blocks."""
+    direction = end - start
+    length = math.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    reach = length - tolerance
+    if reach <= 0.0:
+        return False
+    i, tx, dx, si = _axis(start[0], direction[0] / length)
+    j, ty, dy, sj = _axis(start[1], direction[1] / length)
+    k, tz, dz, sk = _axis(start[2], direction[2] / length)
+    t = 0.0
+    while t < reach:
+        if not _inside(state.shape, i, j, k) or state[i, j, k] != free:
+            return True
+        if tx <= ty and tx <= tz:
+            t, tx, i = tx, tx + dx, i + si
+        elif ty <= tz:
+            t, ty, j = ty, ty + dy, j + sj
+        else:
+            t, tz, k = tz, tz + dz, k + sk
+    return False
