@@ -28,9 +28,13 @@ from missions.topics import ROOT, M, Topic
 log = logging.getLogger(__name__)
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-LEASE_MS = 2000
+LEASE_MS = 30_000
+"""A process may compute this long without letting its link breathe; one that is killed is missed at once, since its
+sockets close."""
+PATIENCE_MS = 120_000
+"""How long a publisher waits for a slow receiver before zenoh gives up the link and all that is queued on it."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
-DELIVERY_TIMEOUT_S = 10.0
+DELIVERY_TIMEOUT_S = 30.0
 
 
 class _Envelope(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -252,6 +256,7 @@ def _config(connect: str, listen: str) -> Any:
         "connect/timeout_ms": 20_000,
         "connect/exit_on_failure": True,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": 1000 * PATIENCE_MS,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }
     for key, value in settings.items():
