@@ -181,6 +181,11 @@ class Bus:
             self._free.clear()
         return self._decode(raw)
 
+    def wake(self) -> None:
+        """Make a waiting `poll` look at its `until` again; may be called from a signal handler."""
+        with self._condition:
+            self._condition.notify_all()
+
     def is_alive(self, name: str) -> bool:
         """Whether a process is on the bus; may be called with the lock held."""
         return name in self._alive

@@ -72,6 +72,16 @@ class SimClock:
         self._bus.publish(topics.TICK_DONE, TickDone(
             name=self._bus.name, tick=self._tick, counts=self._bus.take_counts(), wake_ns=wake_ns), self._bus.name)
 
+    def leave(self) -> None:
+        """Instead of `done`: this tick was the last one here. What was sent in it is still delivered; waits until the
+        clock goes on without this participant, so that the moment does not depend on how fast the process ends."""
+        bus = self._bus
+        bus.publish(topics.TICK_DONE, TickDone(name=bus.name, tick=self._tick, counts=bus.take_counts(),
+                                               wake_ns=bus.t_ns, leaving=True), bus.name)
+        while got := bus.poll(until=lambda: not bus.is_alive(BRIDGE), timeout_s=None):
+            if any(isinstance(d.message, Tick) and bus.name not in d.message.participants for d in got):
+                return
+
     def _receive(self, timeout_s: float | None) -> None:
         got = self._bus.poll(until=lambda: not self._bus.is_alive(BRIDGE), timeout_s=timeout_s)
         for delivery in got:

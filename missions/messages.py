@@ -63,12 +63,14 @@ class Tick(Message, frozen=True, kw_only=True):
 
 
 class TickDone(Message, frozen=True, kw_only=True):
-    """A participant has done its work for this tick. It next needs the processor at wake_ns at the latest."""
+    """A participant has done its work for this tick. It next needs the processor at wake_ns at the latest, or never
+    again when it is leaving."""
 
     name: str
     tick: int
     counts: dict[str, int]
     wake_ns: int
+    leaving: bool = False
 
 
 # --- MAVLink over the bus --------------------------------------------------------------------------------------------

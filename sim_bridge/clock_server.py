@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass
+from functools import partial
 
 from missions import topics
 from missions.bus import Bus, Delivery
@@ -37,6 +38,7 @@ class ClockServer:
         self._step_ns = round(spec.tick_s * SECOND_NS)
         self._latency_ns = round(spec.link_latency_s * SECOND_NS)
         self._wall_start = 0.0
+        self._interrupted = False
 
     def admit(self, names: set[str], timeout_s: float) -> None:
         """Wait until all these participants have joined. Raises LinkError naming those missing."""
@@ -44,18 +46,29 @@ class ClockServer:
         self._bus.subscribe(topics.TICK_DONE)
         self._bus.announce_alive()
         deadline = time.monotonic() + timeout_s
-        waiting: dict[str, str] = {}
-        while waiting.keys() < names:
-            for d in self._bus.poll(timeout_s=max(0.0, deadline - time.monotonic())):
+        boots: dict[str, str] = {}
+        while boots.keys() < names and not self._interrupted:
+            for d in self._bus.poll(until=lambda: self._interrupted, timeout_s=max(0.0, deadline - time.monotonic())):
                 if isinstance(d.message, Join) and self._accept(d.message, names):
-                    waiting[d.message.name] = d.message.boot
+                    boots[d.message.name] = d.message.boot
             if time.monotonic() > deadline:
-                missing = ", ".join(sorted(names - waiting.keys()))
+                missing = ", ".join(sorted(names - boots.keys()))
                 raise LinkError(f"bridge: did not join within {timeout_s:.0f} s: {missing}; look at their logs.")
-        for name, boot in sorted(waiting.items()):
+        self._bus.wait_alive(set(boots), timeout_s)
+        for name, boot in sorted(boots.items()):
             self._welcome(name, boot, "")
-        self._live = set(waiting)
+        self._live = set(boots)
         self._wall_start = time.monotonic()
+
+    def interrupt(self) -> None:
+        """Stop waiting for participants; may be called from a signal handler."""
+        self._interrupted = True
+        self._bus.wake()
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether somebody asked to stop."""
+        return self._interrupted
 
     def run_tick(self, stop: bool = False) -> Round:
         """Publish one tick and wait until every live participant has done its work for it."""
@@ -64,11 +77,11 @@ class ClockServer:
         self._bus.publish(topics.TICK, Tick(tick=self._tick, t_ns=self.t_ns, counts=self._counts,
                                             participants=sorted(self._live), stop=stop))
         done = self._wait_done()
-        self._counts = {key: total for d in done.values() for key, total in d.counts.items()}
+        self._counts = {key: total for d in done for key, total in d.counts.items()}
         result = Round(self._tick, self.t_ns, self._bus.collect(self._counts), frozenset(self._live))
         self._tick += 1
         grid = (self.t_ns // self._step_ns + 1) * self._step_ns
-        wake = min((d.wake_ns for d in done.values()), default=grid)
+        wake = min((d.wake_ns for d in done if d.name in self._live), default=grid)
         self.t_ns = min(grid, max(self.t_ns + self._latency_ns, wake))
         return result
 
@@ -76,20 +89,25 @@ class ClockServer:
         """Count what the bridge itself published since the tick; call before the next `run_tick`."""
         self._counts |= self._bus.take_counts()
 
-    def _wait_done(self) -> dict[str, TickDone]:
+    def _wait_done(self) -> list[TickDone]:
+        """Answers to this tick, by name; who has left afterwards or died is no longer live."""
         done: dict[str, TickDone] = {}
-        while not self._live <= done.keys():
-            gone = {n for n in self._live if not self._bus.is_alive(n)}
+        while not (self._interrupted or self._live <= done.keys()):
+            gone = {n for n in self._live - done.keys() if not self._bus.is_alive(n)}
             if gone:
-                log.warning("left the clock: %s", ", ".join(sorted(gone)))
+                log.warning("left the clock without a word: %s", ", ".join(sorted(gone)))
                 self._live -= gone
                 continue
-            pending = self._live - done.keys()
-            for d in self._bus.poll(until=lambda p=pending: any(not self._bus.is_alive(n) for n in p),  # type: ignore[misc]
-                                    timeout_s=None):
+            for d in self._bus.poll(until=partial(self._call_off, self._live - done.keys()), timeout_s=None):
                 if isinstance(d.message, TickDone) and d.message.tick == self._tick:
                     done[d.message.name] = d.message
-        return {name: done[name] for name in sorted(self._live)}
+                elif isinstance(d.message, Join):
+                    self._welcome(d.message.name, d.message.boot, "the mission is under way; start it again.")
+        self._live -= {d.name for d in done.values() if d.leaving}
+        return [done[name] for name in sorted(done)]
+
+    def _call_off(self, pending: set[str]) -> bool:
+        return self._interrupted or any(not self._bus.is_alive(n) for n in pending)
 
     def _accept(self, join: Join, names: set[str]) -> bool:
         reason = ""
