@@ -1,0 +1,36 @@
+"""What perception knows of the distances in one picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.camera import Camera, Pose
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """Depth of one picture at the resolution of `camera` (which may be smaller than the picture's own)."""
+
+    camera: Camera
+    pose: Pose
+    depth_m: Image
+    """(h, w) distance along the optical axis; meaningful where valid."""
+    valid: Mask
+    """(h, w) trusted pixels."""
+    confidence: Image
+    """(h, w) 0 to 1."""
+    sky: Mask
+    """(h, w) pixels that show open sky beyond doubt; never valid at the same time."""
+    sigma_per_depth2: float
+    """Standard deviation of depth over depth squared, 1/m: pixel error / (focal length x baseline)."""
+
+    def sigma_m(self) -> Image:
+        """(h, w) standard deviation of depth."""
+        result: Image = (self.sigma_per_depth2 * self.depth_m**2).astype(np.float32)
+        return result

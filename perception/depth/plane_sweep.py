@@ -1,0 +1,198 @@
+"""Depth of one picture from 2 to 6 neighbours at known poses: a plane-sweep cost volume in torch.
+
+The geometric half of the MACARONS depth module (Guedon et al. 2023), with two changes: planes lie evenly in inverse
+depth, one step per pixel of parallax, and they run out to infinity so that background does not pile up on a last plane.
+Cost is 1 - ZNCC over small windows; occluded neighbours drop out by averaging only the better half of them
+(Kang, Szeliski & Chai 2001); the volume is smoothed by semi-global aggregation (Hirschmuller 2008).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.nn import functional
+
+from missions.camera import Camera, Pose
+from perception.depth import semi_global
+from perception.depth.depth_map import DepthMap, Image
+from perception.depth.sky import sky_mask
+
+COST_SCALE = 100.0
+CHUNK = 16
+"""Planes warped at once: small enough for the cache."""
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """How the volume is built and what is believed of it."""
+
+    shrink: int = 2
+    """The volume has the picture's resolution divided by this."""
+    nearest_m: float = 1.5
+    max_planes: int = 144
+    window_px: int = 5
+    max_cost: float = 0.5
+    """Largest 1 - ZNCC at the winning plane."""
+    max_ratio: float = 0.93
+    """Largest ratio of the best cost to the best cost elsewhere on the ray."""
+    min_texture_dn: float = 1.5
+    """Smallest standard deviation of grey in the window; noise alone is weaker."""
+    sigma_px: float = 0.35
+    """Standard deviation of matching, in pixels of the volume."""
+    threads: int = 3
+    device: str = "cpu"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture made ready for matching: grey at the volume's resolution."""
+
+    camera: Camera
+    pose: Pose
+    gray: Image
+    sky: NDArray[np.bool_]
+
+
+def make_frame(rgb: NDArray[np.uint8], camera: Camera, pose: Pose, shrink: int = 2) -> Frame:
+    """A picture (h, w, 3), shrunk by area averaging, with its conservative sky mask."""
+    small = camera.scaled(camera.width_px // shrink, camera.height_px // shrink)
+    rgb_small = cv2.resize(rgb, (small.width_px, small.height_px), interpolation=cv2.INTER_AREA)
+    gray = rgb_small.astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+    return Frame(small, pose, gray, sky_mask(rgb_small, small, pose))
+
+
+def inverse_depths(target: Frame, sources: list[Frame], settings: SweepSettings) -> Image:
+    """(planes,) rising inverse depths from 0, infinity; one pixel of the widest parallax apart where affordable."""
+    rate = max(parallax_rate_px(target, source) for source in sources)
+    nearest = 1.0 / settings.nearest_m
+    count = int(np.clip(np.ceil(nearest * rate) + 1, 16, settings.max_planes))
+    return np.linspace(0.0, nearest, count, dtype=np.float32)
+
+
+def parallax_rate_px(target: Frame, source: Frame) -> float:
+    """Mean shift in the source, in pixels per unit of inverse depth, around 10 m."""
+    a, b = _epipolar_terms(target, source)
+    sparse = a[:, 8::16, 8::16].reshape(3, -1)
+    near, far = (sparse + b[:, None] * w for w in (0.11, 0.09))
+    shift = np.hypot(*(near[:2] / near[2] - far[:2] / far[2])) / 0.02
+    seen = (near[2] > 0.1) & (far[2] > 0.1)
+    return float(shift[seen].mean()) if seen.any() else 0.0
+
+
+def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None = None) -> DepthMap:
+    """Depth of the target from its sources (all at one resolution). Raises ValueError without sources."""
+    if not sources:
+        raise ValueError("plane sweep needs at least one source picture")
+    settings = settings or SweepSettings()
+    torch.set_num_threads(settings.threads)
+    planes = inverse_depths(target, sources, settings)
+    raw = _cost_volume(target, sources, planes, settings)
+    smooth = semi_global.aggregate(raw, target.gray)
+    best, offset, second = semi_global.winners(smooth)
+    cost = np.take_along_axis(raw, best[..., None].astype(np.int64), axis=2)[..., 0] / COST_SCALE
+    step = planes[1] - planes[0]
+    depth = (1.0 / np.maximum((best + offset) * step, 1e-4)).astype(np.float32)
+    ratio = np.take_along_axis(smooth, best[..., None].astype(np.int64), axis=2)[..., 0] / np.maximum(second, 1.0)
+    texture = _texture(target.gray, settings.window_px)
+    confidence = np.clip(1.0 - cost / 0.8, 0.0, 1.0) * np.clip((1.0 - ratio) * 4.0, 0.0, 1.0)
+    valid = (cost < settings.max_cost) & (ratio < settings.max_ratio) & (texture > settings.min_texture_dn)
+    valid &= (best < len(planes) - 1) & ~target.sky
+    valid[:2], valid[-2:], valid[:, :2], valid[:, -2:] = False, False, False, False
+    rate = float(np.median([parallax_rate_px(target, source) for source in sources]))
+    return DepthMap(target.camera, target.pose, depth, valid, np.where(valid, confidence, 0.0).astype(np.float32),
+                    target.sky, settings.sigma_px / max(rate, 1e-6))
+
+
+def _epipolar_terms(target: Frame, source: Frame) -> tuple[Image, Image]:
+    """a (3, h, w), b (3,): a target pixel at inverse depth w lies at the homogeneous source pixel a + b * w."""
+    source_from_target = source.pose.camera_from_enu @ np.linalg.inv(target.pose.camera_from_enu)
+    k = source.camera.matrix
+    a = np.moveaxis(target.camera.rays_camera() @ (k @ source_from_target[:3, :3]).T, -1, 0)
+    return a.astype(np.float32), (k @ source_from_target[:3, 3]).astype(np.float32)
+
+
+def _texture(gray: Image, window_px: int) -> Image:
+    size = (window_px, window_px)
+    mean = cv2.blur(gray, size)
+    result: Image = np.sqrt(np.maximum(cv2.blur(gray * gray, size) - mean * mean, 0.0))
+    return result
+
+
+def _cost_volume(target: Frame, sources: list[Frame], planes: Image, settings: SweepSettings) -> NDArray[np.int16]:
+    """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE."""
+    device = torch.device(settings.device)
+    kept = (len(sources) + 1) // 2
+    with torch.inference_mode():
+        reference = _normalised(torch.from_numpy(target.gray).to(device)[None], settings.window_px)
+        best: list[torch.Tensor] = []
+        for source in sources:
+            best = _keep_smallest(best, _source_cost(reference, target, source, planes, settings), kept)
+        mean = torch.stack(best).mean(dim=0) if kept > 1 else best[0]
+        rim = settings.window_px // 2
+        inner = mean.mul_(COST_SCALE).round_().to(torch.int16)
+        volume = functional.pad(inner, (rim, rim, rim, rim), value=int(COST_SCALE)).permute(1, 2, 0).contiguous()
+    result: NDArray[np.int16] = volume.cpu().numpy()
+    return result
+
+
+def _keep_smallest(kept: list[torch.Tensor], new: torch.Tensor, count: int) -> list[torch.Tensor]:
+    """The `count` smallest values seen so far, elementwise, in rising order."""
+    for i, old in enumerate(kept):
+        kept[i], new = torch.minimum(old, new), torch.maximum(old, new)
+    return kept if len(kept) == count else [*kept, new]
+
+
+def _normalised(image: torch.Tensor, window_px: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Interior of images (n, h, w) less its window means, those means, and the reciprocal window deviations."""
+    mean = _window_mean(image, window_px)
+    variance = _window_mean(image * image, window_px).sub_(mean * mean)
+    return image, mean, variance.clamp_min_(0.5).rsqrt_()
+
+
+def _window_mean(image: torch.Tensor, window_px: int) -> torch.Tensor:
+    """(n, h - window + 1, w - window + 1) means over full windows; sums of slices are 10 times as fast as pooling."""
+    h, w = image.shape[-2:]
+    rows = image[..., : w - window_px + 1] + image[..., 1 : w - window_px + 2]
+    for i in range(2, window_px):
+        rows += image[..., i : w - window_px + 1 + i]
+    total = rows[..., : h - window_px + 1, :] + rows[..., 1 : h - window_px + 2, :]
+    for i in range(2, window_px):
+        total += rows[..., i : h - window_px + 1 + i, :]
+    return total.mul_(1.0 / window_px**2)
+
+
+def _source_cost(reference: tuple[torch.Tensor, torch.Tensor, torch.Tensor], target: Frame, source: Frame,
+                 planes: Image, settings: SweepSettings) -> torch.Tensor:
+    """(planes, h - window + 1, w - window + 1) 1 - ZNCC against one source; 1 where it does not see the point."""
+    device = torch.device(settings.device)
+    a, b = (torch.from_numpy(term).to(device) for term in _epipolar_terms(target, source))
+    gray = torch.from_numpy(source.gray).to(device)[None, None]
+    image, mean, inverse_deviation = reference
+    rim = settings.window_px // 2
+    chunks = []
+    for w in torch.split(torch.from_numpy(planes).to(device), CHUNK):
+        grid, seen = _sampling_grid(a, b, w, source.camera)
+        warped = functional.grid_sample(gray.expand(len(w), 1, -1, -1), grid, padding_mode="border",
+                                        align_corners=False)[:, 0]
+        _, other_mean, other_inverse = _normalised(warped, settings.window_px)
+        covariance = _window_mean(warped * image, settings.window_px).sub_(other_mean * mean)
+        cost = covariance.mul_(inverse_deviation).mul_(other_inverse).neg_().add_(1.0)
+        chunks.append(cost.masked_fill_(~seen[:, rim:-rim, rim:-rim], 1.0))
+    return torch.cat(chunks)
+
+
+def _sampling_grid(a: torch.Tensor, b: torch.Tensor, w: torch.Tensor,
+                   camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+    """Where planes w (n,) lie in a source: (n, h, w, 2) in [-1, 1], and which pixels fall inside it."""
+    w = w[:, None, None]
+    z = a[2] + b[2] * w
+    inverse_z = z.clamp_min(1e-3).reciprocal_()
+    grid = torch.empty((*z.shape, 2), device=z.device)
+    for axis, size in enumerate((camera.width_px, camera.height_px)):
+        grid[..., axis] = (a[axis] + b[axis] * w).mul_(inverse_z).mul_(2.0 / size).sub_(1.0)
+    seen = (grid[..., 0].abs() < 1.0) & (grid[..., 1].abs() < 1.0) & (z > 0.1)
+    return grid, seen

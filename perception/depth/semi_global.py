@@ -1,0 +1,109 @@
+"""Semi-global aggregation of a cost volume along four or eight directions (Hirschmuller 2008), in numba."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.depth.compiled import compiled
+from perception.depth.depth_map import Image
+
+Volume = NDArray[np.int16]
+
+SMALL_JUMP = 12
+LARGE_JUMP = 60
+
+
+def aggregate(cost: Volume, gray: Image) -> Volume:
+    """(h, w, planes) costs summed over eight paths; jumps cost less across grey edges."""
+    total = np.zeros_like(cost)
+    for rows, step in ((1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        _sweep_rows(cost, gray, rows, step, total)
+    for columns in (1, -1):
+        _sweep_columns(cost, gray, columns, total)
+    return total
+
+
+def winners(volume: Volume) -> tuple[NDArray[np.int32], Image, Image]:
+    """(h, w) best plane, its sub-plane offset by a parabola, and the least cost more than three planes away."""
+    h, w, _ = volume.shape
+    best, offset, second = np.empty((h, w), np.int32), np.empty((h, w), np.float32), np.empty((h, w), np.float32)
+    _winners(volume, best, offset, second)
+    return best, offset, second
+
+
+@compiled
+def _step(cost: Volume, previous: Volume, jump: int, out: Volume) -> None:
+    """One pixel further along a path: the recursion of Hirschmuller (2008), Eq. 13."""
+    planes = cost.shape[0]
+    least = previous[0]
+    for d in range(1, planes):
+        least = min(least, previous[d])
+    for d in range(planes):
+        value = min(previous[d], least + jump)
+        if d > 0:
+            value = min(value, previous[d - 1] + SMALL_JUMP)
+        if d < planes - 1:
+            value = min(value, previous[d + 1] + SMALL_JUMP)
+        out[d] = cost[d] + value - least
+
+
+@compiled
+def _jump(a: float, b: float) -> int:
+    return max(SMALL_JUMP + 8, int(LARGE_JUMP / (1.0 + abs(a - b) * 0.1)))
+
+
+@compiled
+def _sweep_rows(cost: Volume, gray: Image, direction: int, step: int, total: Volume) -> None:
+    h, w, planes = cost.shape
+    previous, current = np.empty((w, planes), np.int16), np.empty((w, planes), np.int16)
+    start = 0 if direction > 0 else h - 1
+    for k in range(h):
+        y = start + direction * k
+        for x in range(w):
+            x0 = x - step
+            if k == 0 or x0 < 0 or x0 >= w:
+                current[x] = cost[y, x]
+            else:
+                _step(cost[y, x], previous[x0], _jump(gray[y, x], gray[y - direction, x0]), current[x])
+            for d in range(planes):
+                total[y, x, d] += current[x, d]
+        previous, current = current, previous
+
+
+@compiled
+def _sweep_columns(cost: Volume, gray: Image, direction: int, total: Volume) -> None:
+    h, w, planes = cost.shape
+    start = 0 if direction > 0 else w - 1
+    previous, current = np.empty(planes, np.int16), np.empty(planes, np.int16)
+    for y in range(h):
+        for k in range(w):
+            x = start + direction * k
+            if k == 0:
+                current[:] = cost[y, x]
+            else:
+                _step(cost[y, x], previous, _jump(gray[y, x], gray[y, x - direction]), current)
+            for d in range(planes):
+                total[y, x, d] += current[d]
+            previous, current = current, previous
+
+
+@compiled
+def _winners(volume: Volume, best: NDArray[np.int32], offset: Image, second: Image) -> None:
+    h, w, planes = volume.shape
+    for y in range(h):
+        for x in range(w):
+            cost = volume[y, x]
+            b = 0
+            for d in range(1, planes):
+                if cost[d] < cost[b]:
+                    b = d
+            other = 32767
+            for d in range(planes):
+                if abs(d - b) > 3 and cost[d] < other:
+                    other = cost[d]
+            best[y, x], second[y, x], offset[y, x] = b, other, 0.0
+            if 0 < b < planes - 1:
+                bend = float(cost[b - 1]) - 2.0 * cost[b] + cost[b + 1]
+                if bend > 0:
+                    offset[y, x] = 0.5 * (float(cost[b - 1]) - cost[b + 1]) / bend

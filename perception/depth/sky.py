@@ -1,0 +1,33 @@
+"""Which pixels show open sky, from colour alone: rather "unknown" than a wall called sky."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.camera import Camera, Pose
+
+MAX_TEXTURE_DN = 3.0
+MIN_BLUE_EXCESS_DN = 6.0
+MIN_BRIGHTNESS_DN = 90.0
+SAFETY_PX = 2
+
+
+def sky_mask(rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> NDArray[np.bool_]:
+    """(h, w) smooth, bright, bluish pixels above the horizon that connect to the highest part of the picture.
+
+    rgb: (h, w, 3) at the camera's resolution. The mask keeps SAFETY_PX away from everything else.
+    """
+    up = camera.rays_camera() @ pose.enu_from_camera[2]
+    colour = cv2.blur(rgb.astype(np.float32), (3, 3))
+    gray = rgb.astype(np.float32).mean(axis=-1)
+    mean = cv2.blur(gray, (3, 3))
+    texture = np.sqrt(np.maximum(cv2.blur(gray * gray, (3, 3)) - mean * mean, 0.0))
+    bluish = (colour[..., 2] >= colour[..., 0] + MIN_BLUE_EXCESS_DN) & (colour[..., 2] >= colour[..., 1])
+    candidate = (up > 0.02) & (texture < MAX_TEXTURE_DN) & bluish & (mean > MIN_BRIGHTNESS_DN)
+    _, label = cv2.connectedComponents(candidate.astype(np.uint8), connectivity=4)
+    reached = np.unique(label[0][candidate[0]])
+    sky = np.isin(label, reached[reached > 0]).astype(np.uint8)
+    kernel = np.ones((2 * SAFETY_PX + 1, 2 * SAFETY_PX + 1), np.uint8)
+    return np.asarray(cv2.erode(sky, kernel, borderType=cv2.BORDER_REPLICATE) > 0)

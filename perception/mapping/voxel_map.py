@@ -1,0 +1,144 @@
+"""The map: what all pictures together say about every voxel, as integer sums so that their order does not matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.frames import Array
+from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
+from perception.depth.depth_map import DepthMap
+from perception.mapping import carving, normals
+
+QUANTUM = 1024
+"""Sub-voxel positions and directions are summed as integers of 1 / QUANTUM."""
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """When a voxel counts as free or occupied."""
+
+    sensing_range_m: float = 25.0
+    """Depth beyond this makes no surface and carves no further."""
+    sky_range_m: float = 20.0
+    """Rays into open sky carve this far."""
+    margin_voxels: float = 1.0
+    """Carving stops this far before the surface, plus margin_sigmas of depth noise."""
+    margin_sigmas: float = 2.0
+    min_confidence: float = 0.1
+    """Least confidence of a pixel that makes surface."""
+    min_hit_pixels: int = 2
+    """Pixels of one picture that a voxel needs to count as hit by it."""
+    min_swept: float = 0.5
+    """Share of a voxel's cross-section that one picture must sweep to count as seeing it free."""
+    free_pictures: int = 1
+    """Pictures that a free voxel needs."""
+    occupied_pictures: int = 2
+    """Hit pictures that an occupied voxel needs ..."""
+    occupied_share: float = 0.2
+    """... and their share of all pictures that measured it."""
+    erase_share: float = 0.08
+    """A voxel once hit becomes free only when the share of hits is below this."""
+
+
+class VoxelMap:
+    """Free, occupied and unknown space inside a box, from depth maps with poses."""
+
+    def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float,
+                 settings: MapSettings | None = None) -> None:
+        self._blank = VoxelGrid.unknown(np.asarray(lower_enu_m, float), np.asarray(upper_enu_m, float), voxel_m)
+        self.settings = settings or MapSettings()
+        shape = self._blank.state.shape
+        size = int(np.prod(shape))
+        self.free_pictures = np.zeros(shape, np.int32)
+        self.hit_pictures = np.zeros(shape, np.int32)
+        self.hit_pixels = np.zeros(shape, np.int32)
+        self._declared_free = np.zeros(shape, np.bool_)
+        self._offset_sum = np.zeros((size, 3), np.int64)
+        self._view_sum = np.zeros((size, 3), np.int64)
+        self._swept = np.zeros(shape, np.int32)
+        self._touched = np.zeros(size, np.int64)
+
+    def integrate(self, depth: DepthMap, sign: int = 1) -> None:
+        """Adds a depth map's evidence; sign = -1 takes exactly the same evidence out again."""
+        direction, forward = _rays(depth)
+        start = np.array(depth.pose.position_enu_m)
+        hit = self._add_hits(depth, start, direction, forward, sign)
+        reach = self._free_until(depth, forward)
+        use = reach > 0
+        area = forward[use] ** 3 / (depth.camera.fx_px * depth.camera.fy_px)
+        origin, voxel = self._blank.origin_enu_m, self._blank.voxel_m
+        count = carving.trace((start - origin) / voxel, direction[use], reach[use] / voxel, area,
+                              self._swept, self._touched)
+        touched = self._touched[:count]
+        swept = self._swept.reshape(-1)
+        free = touched[swept[touched] >= self.settings.min_swept * carving.AREA_UNIT]
+        swept[touched] = 0
+        self.free_pictures.reshape(-1)[free[~np.isin(free, hit)]] += sign
+
+    def mark_free(self, lower_enu_m: Array, upper_enu_m: Array) -> None:
+        """Declares every voxel that touches the box free: a take-off column, a place flown through."""
+        low = np.maximum(self._blank.index(np.asarray(lower_enu_m, float)), 0)
+        high = np.maximum(self._blank.index(np.asarray(upper_enu_m, float)) + 1, 0)
+        self._declared_free[low[0]:high[0], low[1]:high[1], low[2]:high[2]] = True
+
+    def grid(self) -> VoxelGrid:
+        """The map as planning sees it."""
+        s = self.settings
+        measured = self.hit_pictures + self.free_pictures
+        share = self.hit_pictures / np.maximum(measured, 1)
+        occupied = (self.hit_pictures >= s.occupied_pictures) & (share >= s.occupied_share)
+        free = (self.free_pictures >= s.free_pictures) & ((self.hit_pictures == 0) | (share < s.erase_share))
+        state = np.where(occupied, OCCUPIED, np.where(free | self._declared_free, FREE, 0)).astype(np.uint8)
+        return VoxelGrid(self._blank.origin_enu_m, self._blank.voxel_m, state)
+
+    def surface(self) -> SurfaceVoxels:
+        """One row per occupied voxel: mean point, outward normal, number of pictures that measured it."""
+        grid = self.grid()
+        index = np.argwhere(grid.state == OCCUPIED)
+        flat = np.ravel_multi_index(tuple(index.T), grid.state.shape)
+        count = np.maximum(self.hit_pixels.reshape(-1)[flat], 1)
+        mean = self._offset_sum[flat] / (count[:, None] * QUANTUM)
+        point = grid.origin_enu_m + (index + mean) * grid.voxel_m
+        normal = normals.estimate(index, point, self._view_sum[flat].astype(float), grid.state.shape)
+        return SurfaceVoxels(point, normal, self.hit_pictures.reshape(-1)[flat].astype(np.int64))
+
+    def _free_until(self, depth: DepthMap, forward: Array) -> Array:
+        """(n,) distance along each ray that the depth map proves free."""
+        s = self.settings
+        z, sigma = depth.depth_m.reshape(-1).astype(float), depth.sigma_m().reshape(-1).astype(float)
+        margin = s.margin_voxels * self._blank.voxel_m
+        seen = np.minimum((z - s.margin_sigmas * sigma) / forward - margin, s.sensing_range_m)
+        result: Array = np.where(depth.valid.reshape(-1), seen, np.where(depth.sky.reshape(-1), s.sky_range_m, 0.0))
+        return result
+
+    def _add_hits(self, depth: DepthMap, start: Array, direction: Array, forward: Array,
+                  sign: int) -> NDArray[np.int64]:
+        """Sums up the measured points; flat indices of the voxels that this picture hit."""
+        s = self.settings
+        distance = depth.depth_m.reshape(-1) / forward
+        use = depth.valid.reshape(-1) & (distance <= s.sensing_range_m)
+        use &= depth.confidence.reshape(-1) >= s.min_confidence
+        cell = (start + direction[use] * distance[use, None] - self._blank.origin_enu_m) / self._blank.voxel_m
+        index = np.floor(cell).astype(np.int64)
+        inside = self._blank.inside(index)
+        index, cell, towards = index[inside], cell[inside], -direction[use][inside]
+        flat = np.ravel_multi_index(tuple(index.T), self._blank.state.shape)
+        voxels, inverse, pixels = np.unique(flat, return_inverse=True, return_counts=True)
+        for total, value in ((self._offset_sum, cell - index), (self._view_sum, towards)):
+            quantised = np.round(value * QUANTUM)
+            for axis in range(3):
+                total[voxels, axis] += sign * np.bincount(inverse, quantised[:, axis], len(voxels)).astype(np.int64)
+        self.hit_pixels.reshape(-1)[voxels] += sign * pixels.astype(np.int32)
+        hit: NDArray[np.int64] = voxels[pixels >= s.min_hit_pixels]
+        self.hit_pictures.reshape(-1)[hit] += sign
+        return hit
+
+
+def _rays(depth: DepthMap) -> tuple[Array, Array]:
+    """(n, 3) unit directions in ENU of all pixels, and (n,) their component along the optical axis."""
+    local = depth.camera.rays_camera().reshape(-1, 3)
+    length = np.linalg.norm(local, axis=1)
+    return (local / length[:, None]) @ depth.pose.enu_from_camera.T, 1.0 / length
