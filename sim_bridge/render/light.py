@@ -1,0 +1,125 @@
+"""Sun, sky and surface grain: what both renderers sample, made once in numpy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.mission import RenderSpec
+
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+GRAIN_SIZE = 128
+GRAIN_PERIODS_M = (0.41, 3.7, 31.0)
+"""Edge lengths of the three copies of the grain volume: texels of 3 mm, 3 cm and 24 cm, with no common multiple."""
+GRAIN_WEIGHTS = (0.55, 0.65, 0.45)
+GRAIN_TEXTURED, GRAIN_PROCEDURAL = 0.30, 0.48
+"""Strength of the grain on surfaces that bring a picture of their own, and on those that do not."""
+GRAIN_LUMA, GRAIN_HUE, GRAIN_FLOOR = 4.0, (1.3, 0.2, -1.5), 0.12
+"""Gain of the first channel on brightness and of the second on colour; albedo keeps at least the floor's share."""
+
+SKY_SIZE = 1024
+SKY_LOWEST = -0.2
+"""The sky map reaches down to this sine of elevation; below lies GROUND_HAZE."""
+GROUND_HAZE = (0.42, 0.43, 0.38)
+
+SUN_COLOR = (1.02, 0.96, 0.86)
+SKY_AMBIENT = (0.30, 0.35, 0.43)
+GROUND_AMBIENT = (0.15, 0.14, 0.12)
+AMBIENT_TURN = 0.25
+"""Ambient light varies by this share with the angle to the sun, so that shaded surfaces keep their relief."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """Everything that shades a picture besides the surfaces.
+
+    to_sun_enu: unit (3,). sky: (SKY_SIZE, SKY_SIZE, 3) uint8 equal-area map centred on the zenith, East right, North up
+    in array order. grain: (GRAIN_SIZE,) * 3 + (2,) uint8, tileable. grain_from_enu: (3, 3, 3) rotation per scale.
+    """
+
+    to_sun_enu: NDArray[np.float64]
+    sky: Bytes
+    grain: Bytes
+    grain_from_enu: Floats
+
+
+def make_light(spec: RenderSpec, seed: int) -> Light:
+    """Sun, sky and grain of a mission; the same seed gives the same bytes."""
+    rng = np.random.default_rng([seed, 0x11647])
+    to_sun = sun_direction(spec)
+    rotations = np.stack([np.linalg.qr(rng.standard_normal((3, 3)))[0] for _ in GRAIN_PERIODS_M])
+    return Light(to_sun, _sky(to_sun, rng), _grain(rng), rotations.astype(np.float32))
+
+
+def sun_direction(spec: RenderSpec) -> NDArray[np.float64]:
+    """(3,) unit vector towards the sun, ENU."""
+    azimuth, elevation = math.radians(spec.sun_azimuth_deg), math.radians(spec.sun_elevation_deg)
+    horizontal = math.cos(elevation)
+    return np.array([horizontal * math.sin(azimuth), horizontal * math.cos(azimuth), math.sin(elevation)])
+
+
+def fractal_noise(shape: tuple[int, ...], rng: np.random.Generator, slope: float) -> Floats:
+    """Tileable noise of zero mean and unit variance whose amplitude falls with frequency to the power -slope."""
+    axes = [np.fft.fftfreq(n) for n in shape[:-1]] + [np.fft.rfftfreq(shape[-1])]
+    squares = np.meshgrid(*[a**2 for a in axes], indexing="ij", sparse=True)
+    radius = np.sqrt(np.asarray(sum(squares)))
+    radius.flat[0] = np.inf
+    spectrum = np.fft.rfftn(rng.standard_normal(shape)) * radius**-slope
+    noise = np.fft.irfftn(spectrum, s=shape, axes=range(len(shape)))
+    return np.asarray(noise / noise.std(), np.float32)
+
+
+def _grain(rng: np.random.Generator) -> Bytes:
+    """Two channels with equal energy per octave, sharpened so that stains have edges for features to hold on to."""
+    channels = []
+    for _ in range(2):
+        smooth = fractal_noise((GRAIN_SIZE,) * 3, rng, 1.4)
+        edged = 0.55 * smooth + 0.6 * np.tanh(5.0 * fractal_noise((GRAIN_SIZE,) * 3, rng, 1.5))
+        channels.append(np.clip(128 + 46 * edged, 0, 255).astype(np.uint8))
+    return np.stack(channels, axis=-1)
+
+
+def _sky(to_sun: NDArray[np.float64], rng: np.random.Generator) -> Bytes:
+    """Blue gradient, glow around the sun, fair-weather clouds on a plane overhead."""
+    direction = _sky_directions()
+    up = direction[..., 2]
+    zenith, horizon = np.array([0.24, 0.45, 0.78]), np.array([0.72, 0.82, 0.92])
+    color = horizon + (zenith - horizon) * np.clip(up, 0, 1)[..., None] ** 0.5
+    cosine = np.clip(direction @ to_sun, 0, 1)
+    color = color + np.array([0.30, 0.27, 0.20]) * (cosine**12 + 0.8 * cosine**200)[..., None]
+    cloud = _clouds(direction, rng)[..., None]
+    color = color * (1 - cloud) + np.array([0.96, 0.96, 0.97]) * cloud
+    ground = np.clip((0.0 - up) / 0.02, 0, 1)[..., None]
+    color = color * (1 - ground) + np.array(GROUND_HAZE) * ground
+    return np.asarray(np.clip(color * 255 + 0.5, 0, 255), dtype=np.uint8)
+
+
+def _sky_directions() -> NDArray[np.float64]:
+    """(SKY_SIZE, SKY_SIZE, 3) unit directions of the map's texels (inverse Lambert equal-area projection)."""
+    s = (np.arange(SKY_SIZE) + 0.5) / SKY_SIZE * 2 - 1
+    x, y = np.meshgrid(s, s)
+    radius2 = (x**2 + y**2) * (1 - SKY_LOWEST)
+    up = np.clip(1 - radius2, -1, 1)
+    scale = np.sqrt((1 - SKY_LOWEST) * np.clip(2 - radius2, 0, None))
+    return np.stack([x * scale, y * scale, up], axis=-1)
+
+
+def _clouds(direction: NDArray[np.float64], rng: np.random.Generator) -> Floats:
+    import cv2
+
+    noise = fractal_noise((1024, 1024), rng, 1.55)
+    plane = direction[..., :2] / (np.clip(direction[..., 2:], 0, 1) + 0.12) * 150.0
+    u, v = plane[..., 0].astype(np.float32) % 1024, plane[..., 1].astype(np.float32) % 1024
+    sampled = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    fade = np.clip(direction[..., 2] / 0.12, 0, 1)
+    return np.asarray(np.clip((sampled - 0.25) * 0.9, 0, 0.9) * fade, dtype=np.float32)
+
+
+def sky_map_scale() -> float:
+    """Map coordinate in [-1, 1] = direction.xy * this / sqrt(1 + direction.z)."""
+    return 1.0 / math.sqrt(1.0 - SKY_LOWEST)

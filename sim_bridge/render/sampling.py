@@ -1,0 +1,80 @@
+"""Texture look-ups in numpy, as a graphics driver would do them: bilinear or trilinear, in the nearest mipmap level."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.render.light import GROUND_HAZE, SKY_LOWEST, Bytes, Floats, sky_map_scale
+
+
+class Pyramid:
+    """A picture that repeats, with its mipmap levels."""
+
+    def __init__(self, texture: Bytes) -> None:
+        """texture: (h, w, 3) uint8, first row at v = 1."""
+        self._levels = [np.ascontiguousarray(texture[::-1])]
+        while max(self._levels[-1].shape[:2]) > 1:
+            h, w = self._levels[-1].shape[:2]
+            half = max(1, w // 2), max(1, h // 2)
+            self._levels.append(np.asarray(cv2.resize(self._levels[-1], half, interpolation=cv2.INTER_AREA), np.uint8))
+
+    def sample(self, uv: Floats, footprint_uv: NDArray[np.floating]) -> Floats:
+        """(n, 3) colours 0-1 at uv (n, 2), averaged over about footprint_uv (n,)."""
+        h, w = self._levels[0].shape[:2]
+        level = _nearest_level(footprint_uv * np.sqrt(h * w), len(self._levels))
+        out = np.empty((len(uv), 3), np.float32)
+        for k in np.unique(level):
+            mine = np.flatnonzero(level == k)
+            out[mine] = _sample_repeating(self._levels[k], uv[mine, ::-1])
+        return out * np.float32(1 / 255)
+
+
+class Volume:
+    """A cube of noise that repeats, with its mipmap levels."""
+
+    def __init__(self, cube: Bytes) -> None:
+        """cube: (n, n, n, channels) uint8, n a power of two; array order z, y, x."""
+        self._levels = [cube]
+        while len(self._levels[-1]) > 1:
+            n = len(self._levels[-1]) // 2
+            halves = self._levels[-1].reshape(n, 2, n, 2, n, 2, -1).mean(axis=(1, 3, 5))
+            self._levels.append(np.rint(halves).astype(np.uint8))
+
+    def sample(self, xyz: NDArray[np.floating], footprint: NDArray[np.floating]) -> Floats:
+        """(n, channels) values 0-1 at xyz (n, 3), in periods, averaged over about footprint (n,) periods."""
+        level = _nearest_level(footprint * len(self._levels[0]), len(self._levels))
+        out = np.empty((len(xyz), self._levels[0].shape[-1]), np.float32)
+        for k in np.unique(level):
+            mine = np.flatnonzero(level == k)
+            out[mine] = _sample_repeating(self._levels[k], xyz[mine, ::-1])
+        return out * np.float32(1 / 255)
+
+
+def sample_dome(sky: Bytes, direction_enu: NDArray[np.float64]) -> Floats:
+    """(n, 3) sky colours 0-1 seen along directions (n, 3) of any length."""
+    d = direction_enu / np.linalg.norm(direction_enu, axis=1, keepdims=True)
+    at = d[:, :2] * (sky_map_scale() / np.sqrt(np.maximum(1 + d[:, 2:], 0.1)))
+    color = _sample_repeating(sky, 0.5 + 0.5 * at[:, ::-1]) * np.float32(1 / 255)
+    return np.where(d[:, 2:] < SKY_LOWEST, np.array(GROUND_HAZE, np.float32), color)
+
+
+def _nearest_level(footprint_texels: NDArray[np.floating], levels: int) -> NDArray[np.intp]:
+    level = np.rint(np.log2(np.maximum(footprint_texels, 1e-9)))
+    return np.asarray(np.clip(level, 0, levels - 1), np.intp)
+
+
+def _sample_repeating(level: Bytes, at: NDArray[np.floating]) -> Floats:
+    """Multilinear look-up; at (n, axes) in periods, in the order of the array's axes."""
+    shape = np.array(level.shape[:-1])
+    position = (at - np.floor(at)) * shape - 0.5
+    low = np.floor(position).astype(np.intp)
+    part = (position - low).astype(np.float32)
+    flat = level.reshape(-1, level.shape[-1])
+    out = np.zeros((len(at), level.shape[-1]), np.float32)
+    for corner in np.ndindex(*(2,) * len(shape)):
+        index = np.ravel_multi_index(tuple((low + corner).T), tuple(shape), mode="wrap")
+        weight = np.prod(np.where(corner, part, 1 - part), axis=1, dtype=np.float32)
+        out += weight[:, None] * flat[index]
+    return out

@@ -1,0 +1,121 @@
+"""GLSL of the EGL backend. Constants that the ray caster shares come from light.py."""
+
+from __future__ import annotations
+
+from sim_bridge.render import light
+
+SURFACE_VERTEX = """
+#version 330 core
+in vec3 in_position; in vec2 in_uv; in vec4 in_color;
+uniform mat4 clip_from_enu;
+uniform vec3 eye_enu_m;
+out vec3 enu_m; out vec3 from_eye_m; out vec2 uv; flat out vec4 tint;
+void main() {
+    gl_Position = clip_from_enu * vec4(in_position, 1.0);
+    enu_m = in_position;
+    from_eye_m = in_position - eye_enu_m;
+    uv = in_uv;
+    tint = in_color;
+}
+"""
+
+_SURFACE_FRAGMENT = """
+#version 330 core
+in vec3 enu_m; in vec3 from_eye_m; in vec2 uv; flat in vec4 tint;
+uniform sampler2D picture;
+uniform sampler3D grain;
+uniform sampler2DShadow shadow;
+uniform mat4 shadow_from_enu;
+uniform mat3 grain_from_enu[3];
+uniform vec3 to_sun_enu;
+uniform float shadow_offset_m;
+out vec4 out_color;
+void main() {
+    vec3 normal = normalize(cross(dFdx(from_eye_m), dFdy(from_eye_m)));
+    if (dot(normal, from_eye_m) > 0.0) normal = -normal;
+    vec3 albedo = tint.rgb * tint.rgb;
+    #ifdef TEXTURED
+    vec3 texel = texture(picture, uv).rgb;
+    albedo *= texel * texel;
+    #endif
+    vec2 fine = texture(grain, grain_from_enu[0] * enu_m).rg - 0.5;
+    vec2 middle = texture(grain, grain_from_enu[1] * enu_m).rg - 0.5;
+    vec2 coarse = texture(grain, grain_from_enu[2] * enu_m).rg - 0.5;
+    vec2 stain = WEIGHT_0 * fine + WEIGHT_1 * middle + WEIGHT_2 * coarse;
+    albedo *= max(1.0 + tint.a * (GRAIN_LUMA * stain.x + stain.y * GRAIN_HUE), GRAIN_FLOOR);
+
+    float facing = dot(normal, to_sun_enu);
+    float lit = 0.0;
+    if (facing > 0.0) {
+        vec3 at = (shadow_from_enu * vec4(enu_m + normal * shadow_offset_m, 1.0)).xyz;
+        lit = facing;
+        if (all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)))) lit *= texture(shadow, at);
+    }
+    vec3 ambient = mix(GROUND_AMBIENT, SKY_AMBIENT, 0.5 + 0.5 * normal.z) * (1.0 - AMBIENT_TURN * facing);
+    out_color = vec4(sqrt(albedo * (SUN_COLOR * lit + ambient)), 1.0);
+}
+"""
+
+SKY_VERTEX = """
+#version 330 core
+uniform mat3 enu_from_clip;
+out vec3 direction;
+void main() {
+    vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+    gl_Position = vec4(corner, 1.0, 1.0);
+    direction = enu_from_clip * vec3(corner, 1.0);
+}
+"""
+
+_SKY_FRAGMENT = """
+#version 330 core
+in vec3 direction;
+uniform sampler2D sky;
+out vec4 out_color;
+void main() {
+    vec3 d = normalize(direction);
+    vec2 at = 0.5 + 0.5 * SKY_SCALE * d.xy * inversesqrt(max(1.0 + d.z, 0.1));
+    out_color = vec4(d.z < SKY_LOWEST ? GROUND_HAZE : textureLod(sky, at, 0.0).rgb, 1.0);
+}
+"""
+
+SHADOW_VERTEX = """
+#version 330 core
+in vec3 in_position;
+uniform mat4 shadow_clip_from_enu;
+void main() { gl_Position = shadow_clip_from_enu * vec4(in_position, 1.0); }
+"""
+
+SHADOW_FRAGMENT = """
+#version 330 core
+void main() {}
+"""
+
+
+def surface_fragment(textured: bool) -> str:
+    """Fragment shader of a surface, with or without a picture texture."""
+    source = _with_constants(_SURFACE_FRAGMENT).lstrip()
+    return source.replace("core\n", "core\n#define TEXTURED\n", 1) if textured else source
+
+
+def sky_fragment() -> str:
+    """Fragment shader of the sky."""
+    return _with_constants(_SKY_FRAGMENT)
+
+
+def _with_constants(source: str) -> str:
+    constants = {
+        "GROUND_AMBIENT": _vec3(light.GROUND_AMBIENT), "SKY_AMBIENT": _vec3(light.SKY_AMBIENT),
+        "SUN_COLOR": _vec3(light.SUN_COLOR), "GROUND_HAZE": _vec3(light.GROUND_HAZE),
+        "SKY_SCALE": f"{light.sky_map_scale():.8f}", "SKY_LOWEST": f"({light.SKY_LOWEST:.8f})",
+        "GRAIN_HUE": _vec3(light.GRAIN_HUE), "GRAIN_LUMA": f"{light.GRAIN_LUMA:.6f}",
+        "GRAIN_FLOOR": f"{light.GRAIN_FLOOR:.6f}", "AMBIENT_TURN": f"{light.AMBIENT_TURN:.6f}",
+        **{f"WEIGHT_{i}": f"{w:.6f}" for i, w in enumerate(light.GRAIN_WEIGHTS)},
+    }
+    for name, value in constants.items():
+        source = source.replace(name, value)
+    return source
+
+
+def _vec3(color: tuple[float, float, float]) -> str:
+    return "vec3({:.6f}, {:.6f}, {:.6f})".format(*color)
