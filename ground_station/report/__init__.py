@@ -1,0 +1,1 @@
+"""The page that explains a flight, and the numbers on it."""

@@ -1,0 +1,198 @@
+"""What follows a flight: `swarmscan reconstruct`, `evaluate` and `report`, each on a run folder, each repeatable."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ground_station.report.measure import measure
+from ground_station.report.metrics import assemble
+from ground_station.report.page import write_page
+from ground_station.report.run_data import RunData, read_run
+from missions.errors import SwarmscanError, UserError
+from missions.run_folder import RunFolder
+from perception.reconstruct.cloud import write_cloud
+from perception.reconstruct.mesh import poisson_mesh, write_mesh
+from perception.reconstruct.pipeline import Settings, reconstruct
+
+log = logging.getLogger(__name__)
+
+Tell = Callable[[str, int, int], None]
+
+
+def reconstruct_run(run: RunFolder, keep_depth: bool = False,
+                    tell: Tell = lambda stage, done, total: None) -> dict[str, Any]:
+    """Survey pictures to cloud.ply and mesh.ply. Depth maps stay in depth/ until it is done, and after it on request.
+
+    Returns counts and seconds. Raises UserError when there are too few pictures or one cannot be read.
+    """
+    started = time.monotonic()
+    data = read_run(run)
+    depth_folder = run.root / "depth"
+    pictures = data.survey_pictures()
+    cloud = reconstruct(pictures, data.region(), settings(data), depth_folder, tell)
+    log.info("%d pictures gave %d points in %.1f s", len(pictures), len(cloud), time.monotonic() - started)
+    if not len(cloud):
+        raise UserError(f"{run.views_csv}: fewer than {data.mission.reconstruct.min_confidence} depth maps agree on "
+                        "any point; lower reconstruct.min_confidence in mission.toml or fly more views.")
+    write_cloud(cloud, run.cloud)
+    result: dict[str, Any] = {"pictures": len(pictures), "points": len(cloud), "cloud": str(run.cloud)}
+    if data.mission.reconstruct.mesh:
+        tell("mesh", 0, 1)
+        mesh = poisson_mesh(cloud)
+        write_mesh(mesh, run.mesh)
+        tell("mesh", 1, 1)
+        result |= {"triangles": len(mesh.triangles), "mesh": str(run.mesh)}
+    if not keep_depth:
+        shutil.rmtree(depth_folder, ignore_errors=True)
+    return _finish(run, "reconstruct", started, result)
+
+
+def evaluate_run(run: RunFolder) -> dict[str, Any]:
+    """Measure the cloud against the truth and write metrics.json, which is returned; null where unknown."""
+    started = time.monotonic()
+    data = read_run(run)
+    measured = measure(data)
+    _finish(run, "evaluate", started, {})
+    return _write_metrics(data, assemble(data, measured))
+
+
+def report_run(run: RunFolder) -> dict[str, Any]:
+    """Write report.html from whatever the run folder holds, and add the stage's own time to metrics.json."""
+    started = time.monotonic()
+    data = read_run(run)
+    measured = measure(data)
+    write_page(data, measured, assemble(data, measured))
+    result = _finish(run, "report", started, {"report": str(run.report)})
+    _write_metrics(data, assemble(data, measured))
+    return result
+
+
+def settings(data: RunData) -> Settings:
+    """Reconstruction settings of the run's mission."""
+    spec = data.mission.reconstruct
+    return Settings(depth_width_px=min(spec.depth_width_px, data.mission.camera.survey_px[0]),
+                    pairs_per_picture=spec.pairs_per_picture, min_confidence=spec.min_confidence,
+                    spacing_m=spec.cloud_spacing_m, distance_m=data.mission.survey.distance_m)
+
+
+def _finish(run: RunFolder, name: str, started: float, result: dict[str, Any]) -> dict[str, Any]:
+    wall_s = round(time.monotonic() - started, 2)
+    run.write_process_record(name, wall_s=wall_s)
+    return {**result, "wall_s": wall_s}
+
+
+def _write_metrics(data: RunData, document: dict[str, Any]) -> dict[str, Any]:
+    data.run.metrics.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    return document
+
+
+def main_reconstruct(argv: list[str]) -> int:
+    """`swarmscan reconstruct RUN`."""
+    options = _options("reconstruct", argv)
+    with _progress() as tell:
+        result = reconstruct_run(_run_folder(options), options.keep_depth, tell)
+    _print(options, result, f"{result['points']} points from {result['pictures']} pictures in "
+                            f"{result['wall_s']:.0f} s: {result['cloud']}")
+    return 0
+
+
+def main_evaluate(argv: list[str]) -> int:
+    """`swarmscan evaluate RUN`."""
+    options = _options("evaluate", argv)
+    with _progress() as tell:
+        tell("measure", 0, 1)
+        document = evaluate_run(_run_folder(options))
+        tell("measure", 1, 1)
+    lines = [f"C2C completeness at {t} m: {_share(v)}" for t, v in document["c2c"]["completeness"].items()]
+    c2m = document["c2m"]
+    lines.append(f"C2M mean {_metres(c2m['mean_m'])}, RMS {_metres(c2m['rms_m'])}, "
+                 f"within 2 cm {_share(c2m['within_2cm'])}")
+    _print(options, document, "\n".join([*lines, *document["notes"]]))
+    return 0
+
+
+def main_report(argv: list[str]) -> int:
+    """`swarmscan report RUN`."""
+    options = _options("report", argv)
+    with _progress() as tell:
+        tell("report", 0, 1)
+        result = report_run(_run_folder(options))
+        tell("report", 1, 1)
+    _print(options, result, result["report"])
+    return 0
+
+
+MAINS = {"reconstruct": main_reconstruct, "evaluate": main_evaluate, "report": main_report}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """One stage in a process of its own: `python -m ground_station.stages STAGE RUN ...`. 2 means bad input."""
+    arguments = sys.argv[1:] if argv is None else argv
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        if not arguments or arguments[0] not in MAINS:
+            raise UserError(f"stage {arguments[0] if arguments else '(none)'}: use one of: {', '.join(MAINS)}.")
+        return MAINS[arguments[0]](arguments[1:])
+    except SwarmscanError as e:
+        log.error("%s", e)
+        return 2 if isinstance(e, UserError) else 1
+
+
+def _options(name: str, argv: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog=f"swarmscan {name}", description=(MAINS[name].__doc__ or "").strip("`"))
+    parser.add_argument("run", help="the run folder that 'swarmscan fly' made")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout")
+    if name == "reconstruct":
+        parser.add_argument("--keep-depth", "--keep", action="store_true", help="keep the depth maps in RUN/depth")
+    return parser.parse_args(argv)
+
+
+def _run_folder(options: argparse.Namespace) -> RunFolder:
+    root = Path(options.run)
+    if not root.is_dir():
+        raise UserError(f"{root}: no such run folder; give the folder that 'swarmscan fly' made.")
+    return RunFolder(root.resolve())
+
+
+@contextmanager
+def _progress() -> Iterator[Tell]:
+    """A bar per step with the time left, on stderr."""
+    columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+               TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        tasks: dict[str, Any] = {}
+
+        def tell(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done)
+
+        yield tell
+
+
+def _print(options: argparse.Namespace, document: dict[str, Any], text: str) -> None:
+    sys.stdout.write((json.dumps(document, indent=1) if options.json else text) + "\n")
+
+
+def _share(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1%}"
+
+
+def _metres(value: float | None) -> str:
+    return "unknown" if value is None else f"{1000 * value:.1f} mm"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
