@@ -51,6 +51,11 @@ class RunFolder:
         return self.truth / "reference.ply"
 
     @property
+    def truth_samples(self) -> Path:
+        """Points spread evenly over the exposed surface: arrays `points` and `normals`, each (n, 3) float32."""
+        return self.truth / "reference_samples.npz"
+
+    @property
     def referee(self) -> Path:
         """Collisions, clearances, coverage (JSON)."""
         return self.truth / "referee.json"

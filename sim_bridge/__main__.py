@@ -1,0 +1,104 @@
+"""`python -m sim_bridge MISSION.toml --run RUN_DIR`: the true world of one mission, as a process."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import time
+from pathlib import Path
+
+from missions.bus import DEFAULT_ENDPOINT, Bus
+from missions.clock import BRIDGE, GROUND, vehicle_name
+from missions.errors import SwarmscanError, UserError
+from missions.messages import SiteBrief
+from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.pads import camera_bounds
+from missions.run_folder import RunFolder
+from sim_bridge.clock_server import ClockServer
+from sim_bridge.coverage import Coverage, lattice_positions
+from sim_bridge.render.renderer import Renderer, make_renderer
+from sim_bridge.scenes.load import load_scene
+from sim_bridge.scenes.scene import Scene
+from sim_bridge.truth import Truth
+from sim_bridge.verdict import COVERAGE_POINTS, exposed_points, write_reference, write_verdict
+from sim_bridge.world import World
+
+log = logging.getLogger(__name__)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the world until the mission is over. 2 for what the user can mend, 1 for what went wrong on the way."""
+    arguments = _arguments(argv)
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        mission = load_mission(find_mission(arguments.mission))
+        serve(mission, RunFolder(arguments.run), arguments.listen, arguments.fleet, arguments.join_timeout_s)
+    except UserError as e:
+        log.error("%s", e)
+        return 2
+    except SwarmscanError as e:
+        log.error("%s", e)
+        return 1
+    return 0
+
+
+def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_timeout_s: float) -> None:
+    """Open the world, fly the mission, leave the verdict in the run folder. Raises UserError or LinkError."""
+    begin = time.perf_counter()
+    scene = load_scene(mission.scene, mission.site)
+    site = site_brief(mission, scene)
+    truth = Truth(*scene.mesh(), mission.obstacles)
+    coverage = Coverage(truth, exposed_points(scene, COVERAGE_POINTS)[0], mission.explore.sensing_range_m)
+    renderer = make_renderer(scene, mission.render, mission.camera, mission.seed)
+    try:
+        log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
+                 scene.triangles(), renderer.backend_name)
+        with Bus(BRIDGE, fleet, listen=listen) as bus:
+            clock = ClockServer(bus, mission.clock, without_scene(mission).mission_hash, site)
+            world = World(bus, clock, mission, truth, renderer, coverage)
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, lambda *_: clock.interrupt())
+            clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
+            world.run()
+        _conclude(mission, folder, scene, site, world, coverage, renderer)
+    finally:
+        renderer.close()
+    folder.write_process_record("bridge", frames=world.pictures, ticks=world.ticks, render_s=round(world.render_s, 3),
+                                wall_s=round(time.perf_counter() - begin, 3))
+
+
+def site_brief(mission: Mission, scene: Scene) -> SiteBrief:
+    """What the operator knows: the mission's word where it has one, else the scene's bounds."""
+    given = mission.site
+    return SiteBrief(object_min_enu_m=given.object_min_enu_m or scene.object_min_enu_m,
+                     object_max_enu_m=given.object_max_enu_m or scene.object_max_enu_m,
+                     ground_up_m=scene.ground_up_m if given.ground_up_m is None else given.ground_up_m)
+
+
+def _conclude(mission: Mission, folder: RunFolder, scene: Scene, site: SiteBrief, world: World, coverage: Coverage,
+              renderer: Renderer) -> None:
+    """Write what is true, after the flight."""
+    positions = lattice_positions(*camera_bounds(mission, site), mission.explore.lattice_step_m)
+    positions = positions[world.clearances(positions) >= mission.fleet.clearance_m]
+    ceiling = coverage.ceiling(positions, mission.explore, mission.camera.explore_camera())
+    write_reference(folder, scene)
+    write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(ceiling), "pictures": world.pictures,
+                           "renderer": renderer.backend_name, "scene_notes": scene.notes,
+                           "trajectories_recorded": False})
+
+
+def _arguments(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="swarmscan sim-bridge", description=__doc__)
+    parser.add_argument("mission", help="mission file, or the name of one in missions/")
+    parser.add_argument("--run", type=Path, required=True, help="run folder; the truth is written into it")
+    parser.add_argument("--listen", default=DEFAULT_ENDPOINT, help="where the bus listens (default %(default)s)")
+    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus (default %(default)s)")
+    parser.add_argument("--join-timeout-s", type=float, default=120.0,
+                        help="how long to wait for the other processes (default %(default)s)")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

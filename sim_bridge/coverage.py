@@ -1,0 +1,88 @@
+"""True coverage of the object by exploration pictures, and the most that any reachable view could have covered.
+
+As in MACARONS (Guedon et al., CVPR 2023), coverage is judged by what the pictures could see of the true surface, not by
+what was made of them: it measures the choice of views alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.camera import Camera, Pose
+from missions.frames import Array
+from missions.messages import ShutterRequest
+from missions.mission import ExploreSpec
+from sim_bridge.truth import Mask, Truth
+
+TOLERANCE_M = 0.02
+
+
+class Coverage:
+    """Which reference points on the object exploration has seen."""
+
+    def __init__(self, truth: Truth, points_enu_m: Array, range_m: float) -> None:
+        """points_enu_m (n, 3): spread evenly over the object's exposed surface. range_m: seen farther away is unseen."""
+        self._truth, self._points, self._range_m = truth, points_enu_m, range_m
+        self._seen = np.zeros(len(points_enu_m), dtype=bool)
+        self.per_view: list[float] = []
+        self.view_ids: list[int] = []
+
+    def add(self, shutter: ShutterRequest) -> None:
+        """Count what an exploration picture sees."""
+        unseen = np.flatnonzero(~self._seen)
+        self._seen[unseen[self._sees(unseen, [shutter.pose], shutter.camera, shutter.t_capture_ns)]] = True
+        self.per_view.append(float(self._seen.mean()))
+        self.view_ids.append(shutter.view_id)
+
+    def ceiling(self, positions_enu_m: Array, explore: ExploreSpec, camera: Camera) -> float:
+        """The share that views from these positions (n, 3), in all of the mission's directions, and the pictures taken
+        so far can see together. Boxes that appear in flight do not lower it."""
+        seen = self._seen.copy()
+        for position in positions_enu_m:
+            unseen = np.flatnonzero(~seen)
+            poses = [Pose((float(position[0]), float(position[1]), float(position[2])), yaw, math.radians(elevation))
+                     for elevation in explore.elevations_deg
+                     for yaw in 2.0 * math.pi / explore.azimuths * np.arange(explore.azimuths)]
+            seen[unseen[self._sees(unseen, poses, camera, -1)]] = True
+        return float(seen.mean())
+
+    def summary(self, ceiling: float) -> dict[str, object]:
+        """The numbers for referee.json; shares are 0-1."""
+        final = self.per_view[-1] if self.per_view else 0.0
+        auc = float(np.mean(self.per_view)) if self.per_view else 0.0
+        return {"final": final, "ceiling": ceiling, "auc": auc, "per_view": self.per_view, "view_ids": self.view_ids}
+
+    def _sees(self, index: NDArray[np.int64], poses: list[Pose], camera: Camera, t_ns: int) -> Mask:
+        """(len(index),) whether any of these views from one position sees the points of this index."""
+        eye = np.array(poses[0].position_enu_m)
+        away = self._points[index] - eye
+        result: Mask = np.einsum("ij,ij->i", away, away) <= self._range_m**2
+        near = np.flatnonzero(result)
+        framed = np.zeros(len(near), dtype=bool)
+        for pose in poses:
+            framed |= in_frame(away[near] @ pose.enu_from_camera, camera)
+        result[near] = framed
+        framed_index = np.flatnonzero(result)
+        if len(framed_index):
+            result[framed_index] = self._truth.visible(eye, self._points[index[framed_index]], TOLERANCE_M, t_ns)
+        return result
+
+
+def in_frame(points_camera: Array, camera: Camera) -> Mask:
+    """(n,) whether points (n, 3) in camera axes fall into the picture."""
+    x, y, z = points_camera.T
+    u, v = camera.fx_px * x + camera.cx_px * z, camera.fy_px * y + camera.cy_px * z
+    result: Mask = (z > 0) & (u >= 0) & (u <= camera.width_px * z) & (v >= 0) & (v <= camera.height_px * z)
+    return result
+
+
+def lattice_positions(lower_enu_m: Array, upper_enu_m: Array, step_m: float) -> Array:
+    """(n, 3) centres of the equal cells, about step_m wide, that fill a box: where exploration views may stand."""
+    axes = []
+    for lower, upper in zip(lower_enu_m, upper_enu_m, strict=True):
+        n = max(1, round(float(upper - lower) / step_m))
+        axes.append(lower + (np.arange(n) + 0.5) * (upper - lower) / n)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
