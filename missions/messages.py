@@ -127,12 +127,14 @@ class VehicleState(Message, frozen=True, kw_only=True):
 
 
 class AnnouncedTrajectory(Message, frozen=True, kw_only=True):
-    """Where a vehicle will be: positions at fixed steps from t_start_ns; it stays at the last one."""
+    """Where a vehicle will be: positions at fixed steps from t_start_ns; it stays at the last one. `wants_enu_m`: where
+    a waiting vehicle would go if the place were free; who rests there makes room."""
 
     vehicle_id: int
     t_start_ns: int
     step_ns: int
     positions_enu_m: list[Vector]
+    wants_enu_m: Vector | None = None
 
 
 # --- pictures --------------------------------------------------------------------------------------------------------

@@ -18,6 +18,8 @@ PARKED_HEIGHT_M = 0.2
 """Height of a parked vehicle's centre above the ground."""
 PAD_FENCE_M = 3.0
 """The geofence leaves at least this much room around every pad."""
+COLUMN_HALF_WIDTH_M = 3.0
+HOVER_ABOVE_FLOOR_M = 1.0
 
 
 def takeoff_points(mission: Mission, site: SiteBrief) -> list[Vector]:
@@ -47,3 +49,21 @@ def geofence(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
     upper = np.maximum(upper, pads.max(axis=0) + PAD_FENCE_M)
     lower[2] = site.ground_up_m
     return lower, upper
+
+
+def hover_points(mission: Mission, site: SiteBrief) -> list[Vector]:
+    """Where a vehicle's vertical take-off ends and its landing begins, ENU metres, one per vehicle."""
+    up = site.ground_up_m + max(mission.site.camera_floor_m, mission.fleet.clearance_m) + HOVER_ABOVE_FLOOR_M
+    return [(x, y, max(up, z + HOVER_ABOVE_FLOOR_M)) for x, y, z in takeoff_points(mission, site)]
+
+
+def takeoff_columns(mission: Mission, site: SiteBrief) -> list[tuple[Array, Array]]:
+    """(lower, upper) boxes, one per vehicle, that the operator has looked at and vouches for: free before any picture.
+
+    A column stands on the ground around its pad and reaches its half width above the hover point.
+    """
+    columns = []
+    for x, y, z in hover_points(mission, site):
+        half = COLUMN_HALF_WIDTH_M
+        columns.append((np.array([x - half, y - half, site.ground_up_m]), np.array([x + half, y + half, z + half])))
+    return columns

@@ -1,0 +1,137 @@
+"""Where the obstacles are: fields that know the clearance at any point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.frames import Array
+from missions.grid import FREE, OCCUPIED, VoxelGrid
+from planning.paths import kernels
+
+REACH_M = 8.0
+"""Clearances beyond this are reported as this much; no decision depends on more."""
+NO_SPHERES = np.zeros((0, 4))
+
+
+class ObstacleField(Protocol):
+    """Anything that knows how far the nearest obstacle is."""
+
+    def clearance_m(self, points_enu_m: Array) -> Array:
+        """(n,) metres from points (n, 3) to the nearest obstacle; never more than true."""
+
+    def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
+        """(n,) whether the clearance along each segment from a (n, 3) to b (n, 3) stays at least clearance_m."""
+
+
+@dataclass(frozen=True)
+class VoxelField:
+    """A voxel map and spheres. Solid cubes are taken whole; what is not known to be free counts as solid."""
+
+    distance: NDArray[np.float32]
+    """(nx + 2, ny + 2, nz + 2) metres from voxel centres to the nearest solid cube, one solid layer around."""
+    origin: Array
+    """(3,) centre of the first of these voxels, ENU metres."""
+    voxel_m: float
+    spheres: Array
+    """(m, 4) centre and radius."""
+
+    @classmethod
+    def from_grid(cls, grid: VoxelGrid, *, unknown_is_solid: bool = True) -> VoxelField:
+        """The field of a map. Outside the grid is unknown and solid in any case."""
+        solid = np.ones(np.array(grid.state.shape) + 2, dtype=np.bool_)
+        solid[1:-1, 1:-1, 1:-1] = grid.state != FREE if unknown_is_solid else grid.state == OCCUPIED
+        reach = max(1, math.ceil(REACH_M / grid.voxel_m))
+        distance = kernels.distance_to_solid(solid, reach) * np.float32(grid.voxel_m)
+        return cls(distance, np.asarray(grid.origin_enu_m - 0.5 * grid.voxel_m), grid.voxel_m, NO_SPHERES)
+
+    def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> VoxelField:
+        """The same map with spheres (m, 3) of one radius or (m,) radii added: sensor hits, teammates."""
+        centers = np.asarray(centers_enu_m, dtype=np.float64).reshape(-1, 3)
+        radii = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), (len(centers),))
+        added = np.concatenate([self.spheres, np.column_stack([centers, radii])])
+        return replace(self, spheres=np.ascontiguousarray(added))
+
+    def clearance_m(self, points_enu_m: Array) -> Array:
+        """As ObstacleField says."""
+        points = np.ascontiguousarray(points_enu_m, dtype=np.float64).reshape(-1, 3)
+        return np.asarray(kernels.clearances(points, *self._arrays))
+
+    def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
+        """As ObstacleField says."""
+        a, b = _pairs(a_enu_m, b_enu_m)
+        return np.asarray(kernels.segments_clear(a, b, clearance_m, *self._arrays))
+
+    @property
+    def _arrays(self) -> tuple[Any, ...]:
+        return self.distance, self.origin, self.voxel_m, self.spheres
+
+
+class MeshField:
+    """A prior model (knowledge = "mesh"): distance from a point to the mesh, by FCL."""
+
+    def __init__(self, vertices_enu_m: Array, faces: NDArray[np.int64]) -> None:
+        """vertices (n, 3), triangles (m, 3)."""
+        import fcl
+
+        self._fcl = fcl
+        model = fcl.BVHModel()
+        model.beginModel(len(vertices_enu_m), len(faces))
+        model.addSubModel(np.ascontiguousarray(vertices_enu_m, dtype=np.float64), np.ascontiguousarray(faces))
+        model.endModel()
+        self._mesh = fcl.CollisionObject(model, fcl.Transform())
+        self._probe = fcl.Sphere(PROBE_M)
+
+    def clearance_m(self, points_enu_m: Array) -> Array:
+        """As ObstacleField says; inside a closed mesh it is the distance to its surface, not zero."""
+        points = np.asarray(points_enu_m, dtype=np.float64).reshape(-1, 3)
+        return np.array([self._distance(p) for p in points])
+
+    def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
+        """As ObstacleField says."""
+        return np.array([self._segment_clear(a, b, clearance_m) for a, b in zip(*_pairs(a_enu_m, b_enu_m), strict=True)],
+                        dtype=np.bool_)
+
+    def _segment_clear(self, a: Array, b: Array, need: float) -> bool:
+        length, done = float(np.linalg.norm(b - a)), 0.0
+        while True:
+            spare = self._distance(a + (b - a) * (done / length if length > 0.0 else 0.0)) - need
+            if spare < 0.0 or done >= length:
+                return spare >= 0.0
+            done = min(length, done + max(spare, kernels.LEAST_STEP_M))
+
+    def _distance(self, point: Array) -> float:
+        fcl = self._fcl
+        probe = fcl.CollisionObject(self._probe, fcl.Transform(point))
+        return max(0.0, float(fcl.distance(probe, self._mesh, fcl.DistanceRequest(), fcl.DistanceResult())) + PROBE_M)
+
+
+PROBE_M = 1e-3
+
+
+def segment_clearance_m(field: ObstacleField, a_enu_m: Array, b_enu_m: Array, step_m: float = 0.25) -> Array:
+    """(n,) least clearance along segments from a (n, 3) to b (n, 3), never more than true.
+
+    Between two samples s apart with clearances p and q the clearance is at least (p + q - s) / 2.
+    """
+    a, b = _pairs(a_enu_m, b_enu_m)
+    if len(a) == 0:
+        return np.zeros(0)
+    lengths = np.linalg.norm(b - a, axis=1)
+    count = max(1, math.ceil(float(lengths.max()) / step_m))
+    f = np.linspace(0.0, 1.0, count + 1)
+    points = a[:, None] + (b - a)[:, None] * f[None, :, None]
+    c = field.clearance_m(points.reshape(-1, 3)).reshape(len(a), count + 1)
+    between = 0.5 * (c[:, :-1] + c[:, 1:] - (lengths / count)[:, None])
+    return np.asarray(np.maximum(0.0, np.minimum(c.min(axis=1), between.min(axis=1))))
+
+
+def _pairs(a: Array, b: Array) -> tuple[Array, Array]:
+    a = np.ascontiguousarray(a, dtype=np.float64).reshape(-1, 3)
+    b = np.ascontiguousarray(b, dtype=np.float64).reshape(-1, 3)
+    return np.ascontiguousarray(np.broadcast_to(a, (max(len(a), len(b)), 3))), \
+        np.ascontiguousarray(np.broadcast_to(b, (max(len(a), len(b)), 3)))
