@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sim_bridge.scenes import textures
 from sim_bridge.scenes.scene import Part
-from sim_bridge.scenes.solids import Solid, box, plate, quads, textured, tube
+from sim_bridge.scenes.solids import Solid, box, planar_mapped, plate, quads, textured, tube
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 62.2, 9.9, 22.4
 HALF_LENGTH, HALF_WIDTH = LENGTH_M / 2, WIDTH_M / 2
@@ -19,7 +19,7 @@ ABUTMENT_X = 28.3
 GIRDER_Y, GIRDER_HALF, GIRDER_BOTTOM = 3.0, 0.15, 7.0
 SOFFIT, ROAD, KERB, PARAPET, HANDRAIL = 8.0, 8.4, 8.58, 9.1, 9.85
 DECK_Y, PARAPET_Y, KERB_Y = 3.9, 3.65, 2.9
-FLOOR_BEAM_X = np.arange(-27.0, 27.1, 2.0)
+FLOOR_BEAM_X = np.arange(-26.0, 26.1, 2.0)
 CABLE_Y, CABLE_TOP, CABLE_LOW, CABLE_RADIUS = 4.5, 22.0, 10.7, 0.16
 ANCHOR_X, ANCHOR_Z = 29.4, 9.0
 SIDES = (-1.0, 1.0)
@@ -61,11 +61,10 @@ def _abutment(side: float) -> list[Solid]:
     x0, x1 = sorted((side * ABUTMENT_X, side * HALF_LENGTH))
     a0, a1 = sorted((side * (ANCHOR_X - 0.5), side * (ANCHOR_X + 0.9)))
     deck = (x0, -DECK_Y, x1, DECK_Y)
-    anchors = [(a0, *sorted((y * 4.1, y * 4.9)), a1) for y in SIDES]
-    holes = [deck] + [(lo_x, lo_y, hi_x, hi_y) for lo_x, lo_y, hi_y, hi_x in anchors]
-    blocks = [box((lo_x, lo_y, SOFFIT), (hi_x, hi_y, ANCHOR_Z + 0.3), "-z") for lo_x, lo_y, hi_y, hi_x in anchors]
+    anchors = [(a0, min(y * 4.1, y * 4.9), a1, max(y * 4.1, y * 4.9)) for y in SIDES]
+    blocks = [box((ax0, ay0, SOFFIT), (ax1, ay1, ANCHOR_Z + 0.3), "-z") for ax0, ay0, ax1, ay1 in anchors]
     return [box((x0, -HALF_WIDTH, 0.0), (x1, HALF_WIDTH, SOFFIT), "-z +z"),
-            plate((x0, -HALF_WIDTH), (x1, HALF_WIDTH), SOFFIT, holes), *blocks]
+            plate((x0, -HALF_WIDTH), (x1, HALF_WIDTH), SOFFIT, [deck, *anchors]), *blocks]
 
 
 def _towers() -> list[Solid]:
@@ -96,13 +95,11 @@ def _haunches(x: float) -> list[Solid]:
     solids = []
     for s in SIDES:
         wall, tip = s * LEG_INNER_Y, s * (LEG_INNER_Y - reach)
-        low, corner, inner = (wall, top - reach), (wall, top), (tip, top)
-        slope = [(x - half, *low), (x + half, *low), (x + half, *inner), (x - half, *inner)]
-        cheek = [[(x + e * half, *p) for p in (low, corner, inner, ((low[0] + inner[0]) / 2, (low[1] + inner[1]) / 2))]
-                 for e in SIDES]
-        faces = [slope if s < 0 else slope[::-1], cheek[0] if s < 0 else cheek[0][::-1],
-                 cheek[1][::-1] if s < 0 else cheek[1]]
-        solids.append(quads([face[::-1] for face in faces]))
+        slope = [(x - half, wall, top - reach), (x + half, wall, top - reach), (x + half, tip, top), (x - half, tip, top)]
+        solids.append(quads([slope[::int(-s)]]))
+        for e in SIDES:
+            cheek = np.array([(x + e * half, wall, top - reach), (x + e * half, wall, top), (x + e * half, tip, top)])
+            solids.append(planar_mapped(cheek, np.array([[0, 1, 2][::int(e * s)]], np.int32)))
     return solids
 
 
@@ -171,8 +168,8 @@ def cable_height_m(x: float | Array) -> Array:
 
 def _cables() -> list[Solid]:
     solids = []
-    spans = (np.linspace(-TOWER_X + 0.95, TOWER_X - 0.95, 65), np.linspace(TOWER_X + 0.95, ANCHOR_X - 0.4, 25),
-             np.linspace(-ANCHOR_X + 0.4, -TOWER_X - 0.95, 25))
+    spans = (np.linspace(-TOWER_X + LEG_HALF_X, TOWER_X - LEG_HALF_X, 65),
+             np.linspace(TOWER_X + LEG_HALF_X, ANCHOR_X - 0.4, 25), np.linspace(-ANCHOR_X + 0.4, -TOWER_X - LEG_HALF_X, 25))
     hung = [float(x) for x in FLOOR_BEAM_X if abs(abs(x) - TOWER_X) > 1.5 and cable_height_m(float(x)) > 10.0]
     for y in (-CABLE_Y, CABLE_Y):
         for xs in spans:

@@ -61,6 +61,11 @@ def quads(corners_m: ArrayLike) -> Solid:
 
 def box(lo: Sequence[float], hi: Sequence[float], omit: str = "") -> Solid:
     """An axis-aligned box without the faces named in omit, such as "-z +x"."""
+    return quads(box_corners(lo, hi, omit))
+
+
+def box_corners(lo: Sequence[float], hi: Sequence[float], omit: str = "") -> Array:
+    """Corners (n, 4, 3) of the faces of an axis-aligned box, without the faces named in omit."""
     (x0, y0, z0), (x1, y1, z1) = lo, hi
     sides = {
         "-x": [(x0, y1, z0), (x0, y0, z0), (x0, y0, z1), (x0, y1, z1)],
@@ -70,7 +75,7 @@ def box(lo: Sequence[float], hi: Sequence[float], omit: str = "") -> Solid:
         "-z": [(x0, y1, z0), (x1, y1, z0), (x1, y0, z0), (x0, y0, z0)],
         "+z": [(x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1)],
     }
-    return quads([corners for name, corners in sides.items() if name not in omit.split()])
+    return np.array([corners for name, corners in sides.items() if name not in omit.split()], dtype=np.float64)
 
 
 def cells(lo: Sequence[float], hi: Sequence[float], holes: Iterable[Sequence[float]] = ()) -> Array:
@@ -101,7 +106,7 @@ def tube(path_m: ArrayLike, radius_m: float | Array, sides: int = 8, *, capped: 
     right, up = _path_frames(path)
     angle = np.linspace(0.0, 2.0 * np.pi, sides + 1)
     radius = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(path))[:, None, None]
-    ring = right[:, None] * np.cos(angle)[:, None] + up[:, None] * np.sin(angle)[:, None]
+    ring = right[:, None] * np.cos(angle)[:, None] - up[:, None] * np.sin(angle)[:, None]
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     u, v = np.meshgrid(angle * float(radius.mean()), length)
     shell = _grid_solid(path[:, None] + radius * ring, np.stack([u, v + 7.3 * path[0, 0]], axis=-1))

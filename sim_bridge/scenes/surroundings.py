@@ -45,13 +45,13 @@ def ground(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float, r
 def growth(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float) -> list[Part]:
     """Trees and rocks standing on the ground outside the free zone around the box lo, hi (3,)."""
     trunks, crowns, rocks = [], [], []
-    for x, y in _sites(rng, lo, hi, count=16, radius_m=3.6):
+    for x, y in _sites(rng, lo, hi, count=14, radius_m=3.6):
         trunk, crown = _tree(rng, np.array([x, y, ground_up_m]))
         trunks.append(trunk)
         crowns += crown
     for x, y in _sites(rng, lo, hi, count=24, radius_m=1.6):
         radii = rng.uniform(0.4, 1.4) * np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.7)])
-        rocks.append(_blob(rng, np.array([x, y, ground_up_m]), radii, 3, 0.16))
+        rocks.append(_blob(rng, np.array([x, y, ground_up_m]), radii, 2, 0.16))
     return [
         textured(PREFIX + "trunks", trunks, textures.bark(rng), is_object=False),
         textured(PREFIX + "crowns", crowns, textures.foliage(rng), is_object=False),
@@ -83,7 +83,7 @@ def _tree(rng: np.random.Generator, foot: Array) -> tuple[Solid, list[Solid]]:
     heights = np.linspace(0.0, height * 0.75, 6)
     trunk = lathe(np.stack([0.28 * (1.0 - 0.11 * heights) + 0.15 * np.exp(-4.0 * heights), heights], axis=1), foot, 10)
     crown = []
-    for _ in range(4):
+    for _ in range(3):
         offset = np.array([*rng.uniform(-1.3, 1.3, 2), height * rng.uniform(0.6, 0.95)])
         crown.append(_blob(rng, foot + offset, rng.uniform(1.2, 1.9) * np.array([1.0, 1.0, 0.85]), 3, 0.2))
     return trunk, crown

@@ -1,7 +1,7 @@
 """Material tiles: seeded, seamless pictures of a stated size in metres.
 
-A tile gives a material its character at 2-4 mm per texel (grass and gravel are coarser). The renderer multiplies stains of its own over it,
-so that no two square metres look alike.
+A tile gives a material its character at 2-5 mm per texel. The renderer multiplies stains of its own over it, so that no
+two square metres look alike.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def concrete(rng: np.random.Generator, rgb: Rgb = (168, 164, 156)) -> Tile:
     shade = rng.normal(0.0, 0.035, 16).astype(np.float32)[boards][:, None]
     seam = (np.arange(n) % (n // 16) < 3).astype(np.float32)[:, None]
     pores = (grain > 2.4).astype(np.float32)
-    light = 1.0 + 0.11 * cloud + 0.05 * grain + shade - 0.22 * seam - 0.35 * pores
-    return Tile(_tinted(light, rgb, warm=0.05 * cloud), n * 0.003)
+    light = 1.0 + 0.08 * cloud + 0.06 * grain + shade - 0.22 * seam - 0.35 * pores
+    return Tile(_tinted(light, rgb, 0.03 * cloud), n * 0.003)
 
 
 def stone(rng: np.random.Generator, rgb: Rgb = (150, 138, 120)) -> Tile:
@@ -58,7 +58,7 @@ def stone(rng: np.random.Generator, rgb: Rgb = (150, 138, 120)) -> Tile:
     rough, grain = noise(rng, n, 1.0, 6), noise(rng, n, 0.4, 80)
     light += 0.1 * rough + 0.06 * grain
     light = np.where(edge < 7, 0.62 + 0.05 * grain, light)
-    warm = 0.1 * rng.standard_normal(4096).astype(np.float32)[(block * 7 + 3) % 4096]
+    warm = 0.045 * rng.standard_normal(4096).astype(np.float32)[(block * 7 + 3) % 4096]
     return Tile(_tinted(light, rgb, warm), n * 0.0025)
 
 
@@ -178,8 +178,12 @@ def rock(rng: np.random.Generator, rgb: Rgb = (132, 128, 122)) -> Tile:
 
 def _tinted(light: Field, rgb: Rgb, warm: Field) -> NDArray[np.uint8]:
     """A colour under varying light; warm shifts from blue to red."""
-    shift = np.stack([1.0 + warm, np.ones_like(light), 1.0 - warm], axis=-1)
-    return np.asarray(np.clip(light[..., None] * shift * np.array(rgb, np.float32), 0, 255).astype(np.uint8))
+    red, green, blue = (np.float32(c) for c in rgb)
+    channels = (light * (1.0 + warm) * red, light * green, light * (1.0 - warm) * blue)
+    tile = np.zeros((*light.shape, 3), np.uint8)
+    for i, channel in enumerate(channels):
+        tile[..., i] = np.clip(channel, 0.0, 255.0)
+    return tile
 
 
 def _masonry(rng: np.random.Generator, n: int, courses: int,
