@@ -1,0 +1,98 @@
+"""`python -m ground_station MISSION.toml --run RUN_DIR`: the ground station of one mission, as a process."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from ground_station.director import Director
+from ground_station.fleet import Fleet
+from ground_station.ingest import Ingest
+from ground_station.progress import Progress
+from ground_station.recorder import Recorder
+from ground_station.survey_views import check_survey
+from missions import topics
+from missions.bus import DEFAULT_ENDPOINT, Bus
+from missions.clock import GROUND, SimClock
+from missions.errors import SwarmscanError, UserError
+from missions.frames import Site
+from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.run_folder import RunFolder
+
+log = logging.getLogger(__name__)
+
+HEARD: tuple[topics.Topic[Any], ...] = (
+    topics.MAVLINK_UP, topics.PLAN_VERDICT, topics.LEG_REPORT, topics.PICTURE_CHUNK, topics.VEHICLE_STATE)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Fly the mission. 2 for what the user can mend, 1 for what went wrong on the way."""
+    options = _parse(argv)
+    logging.basicConfig(level=logging.WARNING if options.quiet else logging.INFO, stream=sys.stderr,
+                        format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        mission = without_scene(load_mission(find_mission(options.mission)))
+        check_survey(mission)
+        run = RunFolder(options.run)
+        with Bus(GROUND, options.fleet, connect=options.connect) as bus, Progress(options.quiet) as progress:
+            fly(mission, run, bus, progress)
+    except UserError as e:
+        log.error("%s", e)
+        return 2
+    except SwarmscanError as e:
+        log.error("%s", e)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
+    """Join the clock and run the mission to its end; whatever is known is written down, however it ends."""
+    for topic in HEARD:
+        bus.subscribe(topic)
+    clock = SimClock(bus, mission.mission_hash)
+    site = clock.join()
+    anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+    ingest, recorder = Ingest(run, anchor, mission.clock.epoch_utc), Recorder(run, mission)
+    fleet = Fleet(mission, site, bus, ingest, recorder)
+    try:
+        director = Director(mission, site, fleet, bus, recorder)
+        while True:
+            turn = clock.next()
+            fleet.receive(turn)
+            director.step()
+            wake_ns = fleet.send()
+            if progress.due(director.phase):
+                status = director.status()
+                bus.publish(topics.STATUS, status)
+                progress.show(status)
+            if turn.stop or director.phase == "over":
+                break
+            clock.done(wake_ns)
+        if turn.stop:
+            recorder.note(turn.t_ns, "the clock was stopped before the mission was over")
+        clock.leave()
+    finally:
+        recorder.write(fleet.t_ns)
+        ingest.close()
+        run.write_process_record(GROUND)
+
+
+def _parse(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="swarmscan ground-station", description=__doc__)
+    parser.add_argument("mission", help="mission file, or the name of one in missions/")
+    parser.add_argument("--run", type=Path, required=True, help="run folder")
+    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, help="where sim_bridge listens (default %(default)s)")
+    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus (default %(default)s)")
+    parser.add_argument("--quiet", action="store_true", help="no progress display")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,219 @@
+"""Exploration decisions: pictures and positions in, legs out. No bus, no clock; equal calls give equal legs."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ground_station.airspace import Airspace
+from ground_station.ingest import Picture
+from ground_station.legs import column_leg, picture_leg
+from missions.camera import Pose
+from missions.frames import Array
+from missions.grid import VoxelGrid
+from missions.mavlink import Waypoint
+from missions.messages import SiteBrief
+from missions.mission import Mission
+from missions.pads import camera_bounds, geofence, hover_points, takeoff_columns
+from perception.mapping.explorer_map import ExplorerMap
+from planning.nbv.gain import GainField, GainSpec, count_looks, gain_field
+from planning.nbv.lattice import build_lattice
+from planning.nbv.search import Assignment, SearchSpec, VehicleQuery, next_views
+from planning.paths import NoPath, Reach
+
+log = logging.getLogger(__name__)
+
+CLIMB_M = 5.0
+"""A vehicle takes its first pictures while it climbs this much over its hover point: depth needs the baseline."""
+GOAL_SPACING_M = 2.0
+"""Goals of two vehicles are this much farther apart than fleet.separation_m."""
+DETOUR = 1.3
+"""Ways home are taken to be this much longer than a straight line."""
+FALLBACK_TURN_RAD = math.radians(50.0)
+MAX_FALLBACKS = 6
+
+
+@dataclass(frozen=True)
+class Asking:
+    """A hovering vehicle that wants a next view. range_m: what it may still fly, the way home included."""
+
+    vehicle_id: int
+    position_enu_m: Array
+    yaw_enu_rad: float
+    elevation_rad: float
+    range_m: float
+
+
+@dataclass(frozen=True)
+class Busy:
+    """A vehicle under way; goal is None when it has no view before it (it is climbing or going home)."""
+
+    vehicle_id: int
+    position_enu_m: Array
+    goal: Pose | None
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A decision for one vehicle: the last waypoint is the key view."""
+
+    vehicle_id: int
+    waypoints: list[Waypoint]
+    goal: Pose
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Legs given out, vehicles that can reach no candidate at all, and the largest gain within reach."""
+
+    legs: list[Leg]
+    stuck: list[int]
+    best_gain_m2: float
+
+
+class Explorer:
+    """The shared map and the search over it."""
+
+    def __init__(self, mission: Mission, site: SiteBrief) -> None:
+        self._mission, self._site = mission, site
+        self.map = ExplorerMap(*geofence(mission, site), mission.explore.voxel_m)
+        self._hover = [np.array(p) for p in hover_points(mission, site)]
+        for lower, upper in takeoff_columns(mission, site):
+            self.map.mark_free(lower, upper + np.array([0.0, 0.0, CLIMB_M]))
+        self._lattice = build_lattice(*camera_bounds(mission, site), mission.explore)
+        self._taken = np.zeros((len(self._lattice.positions_enu_m), len(self._lattice.yaw_enu_rad)), dtype=np.bool_)
+        self._camera = mission.camera.explore_camera()
+        self._gain_spec = GainSpec(sensing_range_m=mission.explore.sensing_range_m)
+        self._search = SearchSpec(separation_m=mission.fleet.separation_m + GOAL_SPACING_M,
+                                  stop_gain=mission.explore.stop_gain)
+        self.grid: VoxelGrid = self.map.grid()
+        self._looks = np.zeros(self.grid.state.shape, dtype=np.uint8)
+        self._new_keys: list[Pose] = []
+        self._largest_gain = 0.0
+        self._next_view_id = 1
+        self.key_views: dict[int, Pose] = {}
+        self.pictures_new = 0
+        self._fallbacks: dict[int, int] = {}
+
+    def add(self, picture: Picture) -> None:
+        """Take in a picture; it is mapped at the next decision."""
+        if picture.rgb is None:
+            return
+        meta = picture.meta
+        self.map.add_picture(picture.rgb, meta.camera, meta.pose)
+        self.pictures_new += 1
+        if meta.view_id in self.key_views:
+            self._new_keys.append(meta.pose)
+
+    def refresh(self) -> None:
+        """Bring the map up to date with the pictures."""
+        if self.pictures_new:
+            self.map.update()
+            self.pictures_new = 0
+            self.grid = self.map.grid()
+
+    @property
+    def coverage(self) -> float:
+        """The map's own estimate of how much of the object's surface is known, 0 to 1."""
+        return self.map.predicted_coverage(np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m))
+
+    def decide(self, asking: list[Asking], busy: list[Busy]) -> Decision:
+        """Next views for the hovering vehicles over the map as `refresh` left it."""
+        field, airspace = self._field(), Airspace.of(self.grid, self._mission, self._site)
+        reaches = {a.vehicle_id: airspace.reach(a.position_enu_m, _mates(a, asking, busy)) for a in asking}
+        queries = [self._query(a, reaches[a.vehicle_id]) for a in asking]
+        claimed = [b.goal for b in busy if b.goal is not None]
+        found = next_views(field, self._lattice, self._camera, queries, claimed, self._search, self._taken,
+                           self._largest_gain)
+        self._largest_gain = max(self._largest_gain, found.best_gain_m2)
+        legs: list[Leg] = []
+        for given in found.assignments:
+            self._taken[given.position_index, given.orientation_index] = True
+            a = next(a for a in asking if a.vehicle_id == given.vehicle_id)
+            mates = _mates(a, asking, busy) + [np.array(leg.goal.position_enu_m) for leg in legs]
+            path = _path(airspace, reaches[a.vehicle_id], a, given, mates if legs else None)
+            if path is not None:
+                legs.append(self._leg(a, path, given.pose))
+        stuck = [q.vehicle_id for q in queries if not np.isfinite(q.distance_m).any()]
+        return Decision(legs, stuck, found.best_gain_m2)
+
+    def column(self, vehicle_id: int, turn_rad: float = 0.0, up: bool = True) -> Leg:
+        """Pictures on a vertical line over the pad, facing the object's centre (turned by turn_rad)."""
+        hover = self._hover[vehicle_id - 1]
+        middle = 0.5 * (np.array(self._site.object_min_enu_m) + np.array(self._site.object_max_enu_m))
+        yaw = math.atan2(middle[1] - hover[1], middle[0] - hover[0]) + turn_rad
+        heights = (hover[2], hover[2] + CLIMB_M) if up else (hover[2] + CLIMB_M, hover[2])
+        waypoints = column_leg(hover, heights, yaw, self._mission.explore.frames_per_leg, self._next_view_id)
+        return self._register(vehicle_id, waypoints)
+
+    def look_around(self, asking: Asking) -> Leg | None:
+        """For a vehicle that can reach nothing: another pass through its column, or other directions from where it
+        hovers; None after MAX_FALLBACKS of them."""
+        n = self._fallbacks[asking.vehicle_id] = self._fallbacks.get(asking.vehicle_id, 0) + 1
+        if n > MAX_FALLBACKS:
+            return None
+        turn = FALLBACK_TURN_RAD * ((n + 1) // 2) * (1 if n % 2 else -1)
+        above = asking.position_enu_m - self._hover[asking.vehicle_id - 1]
+        if np.hypot(above[0], above[1]) < 0.5:
+            return self.column(asking.vehicle_id, turn, up=bool(above[2] < 0.5 * CLIMB_M))
+        here = asking.position_enu_m
+        goal = Pose((float(here[0]), float(here[1]), float(here[2])), asking.yaw_enu_rad + turn, 0.0)
+        return self._leg(asking, np.stack([here, here]), goal)
+
+    def forbid(self, goal: Pose) -> None:
+        """Never again send anybody to this position: it was refused or blocked."""
+        near = np.linalg.norm(self._lattice.positions_enu_m - np.array(goal.position_enu_m), axis=1) < 1e-3
+        self._taken[near] = True
+
+    def _field(self) -> GainField:
+        box = np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m)
+        surface = self.map.surface()
+        field = gain_field(self.grid, surface, *box, self._gain_spec, self._looks)
+        if not self._new_keys:
+            return field
+        for pose in self._new_keys:
+            self._looks = count_looks(field, self._looks, pose, self._camera)
+        self._new_keys.clear()
+        return gain_field(self.grid, surface, *box, self._gain_spec, self._looks)
+
+    def _query(self, a: Asking, reach: Reach) -> VehicleQuery:
+        positions = self._lattice.positions_enu_m
+        home = DETOUR * np.linalg.norm(positions - self._hover[a.vehicle_id - 1], axis=1)
+        return VehicleQuery(a.vehicle_id, a.position_enu_m, reach.distance_to(positions), home, a.range_m)
+
+    def _leg(self, a: Asking, path: Array, goal: Pose) -> Leg:
+        start = Pose((0.0, 0.0, 0.0), a.yaw_enu_rad, a.elevation_rad)
+        return self._register(a.vehicle_id, picture_leg(path, start, goal, self._mission.explore.frames_per_leg,
+                                                        self._next_view_id))
+
+    def _register(self, vehicle_id: int, waypoints: list[Waypoint]) -> Leg:
+        ids = [w.view_id for w in waypoints if w.view_id is not None]
+        self._next_view_id += len(ids)
+        last = waypoints[-1]
+        goal = Pose(last.position_enu_m, last.yaw_enu_rad, last.gimbal_elevation_rad)
+        self.key_views[ids[-1]] = goal
+        return Leg(vehicle_id, waypoints, goal)
+
+
+def _mates(me: Asking, asking: list[Asking], busy: list[Busy]) -> list[Array]:
+    """Places that other vehicles hover at or are on their way to."""
+    out = [a.position_enu_m for a in asking if a.vehicle_id != me.vehicle_id]
+    for b in busy:
+        out.append(b.position_enu_m)
+        if b.goal is not None:
+            out.append(np.array(b.goal.position_enu_m))
+    return out
+
+
+def _path(airspace: Airspace, reach: Reach, a: Asking, given: Assignment, mates: list[Array] | None) -> Array | None:
+    """The way to an assigned view; searched anew when vehicles served before have taken places meanwhile."""
+    goal = np.array(given.pose.position_enu_m)
+    if mates is not None:
+        return airspace.path(a.position_enu_m, goal, mates)
+    try:
+        return reach.path_to(goal)
+    except NoPath:
+        return None

@@ -1,0 +1,73 @@
+"""Which survey views to fly: planned on the explored map, the exploration's key views, or a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ground_station.airspace import Airspace
+from ground_station.views_file import read_views
+from missions.camera import Pose, View
+from missions.errors import UserError
+from missions.frames import Array
+from missions.grid import FREE, SurfaceVoxels, VoxelGrid
+from missions.messages import SiteBrief
+from missions.mission import Mission
+from missions.pads import camera_bounds, geofence
+from planning.nbv.lattice import lattice_positions
+from planning.nbv.sightings import SightSpec
+from planning.nbv.survey import SurveyViewSpec, plan_survey
+
+FIRST_VIEW_ID = 10001
+CANDIDATE_STEP_M = 2.0
+
+
+def check_survey(mission: Mission) -> None:
+    """Whether the mission's survey can be flown at all. Raises UserError."""
+    if mission.survey.enabled and not mission.explore.enabled and mission.survey.views != "file":
+        raise UserError("mission: survey.views = "
+                        f'"{mission.survey.views}" needs explore.enabled = true; explore first or give a views file.')
+
+
+def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
+    """Without exploration, with a file of views: the space that the file's author vouches for, which is the fence
+    without the object's box grown by the clearance."""
+    lower, upper = geofence(mission, site)
+    grid = VoxelGrid.unknown(lower, upper, mission.explore.voxel_m)
+    grid.state[:] = FREE
+    room = mission.fleet.clearance_m
+    first = np.clip(grid.index(np.array(site.object_min_enu_m) - room), 0, None)
+    last = grid.index(np.array(site.object_max_enu_m) + room) + 1
+    grid.state[first[0]:last[0], first[1]:last[1], first[2]:last[2]] = 0
+    return grid
+
+
+def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, surface: SurfaceVoxels | None,
+                 key_views: Mapping[int, Pose], starts_enu_m: list[Array]) -> list[View]:
+    """The survey's views with ids from FIRST_VIEW_ID up. key_views: exploration's key poses by view id."""
+    spec = mission.survey
+    if spec.views == "file":
+        poses = [v.pose for v in read_views(Path(spec.views_path))]
+    elif spec.views == "exploration":
+        poses = [key_views[i] for i in sorted(key_views)][: spec.max_views]
+    else:
+        poses = _planned(mission, site, grid, surface, starts_enu_m)
+    return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]
+
+
+def _planned(mission: Mission, site: SiteBrief, grid: VoxelGrid, surface: SurfaceVoxels | None,
+             starts_enu_m: list[Array]) -> list[Pose]:
+    if surface is None or not starts_enu_m:
+        return []
+    airspace = Airspace.of(grid, mission, site)
+    positions = lattice_positions(*camera_bounds(mission, site), CANDIDATE_STEP_M)
+    positions = positions[airspace.clear_at(positions)]
+    far = np.array([airspace.reach(start, []).distance_to(positions) for start in starts_enu_m])
+    positions = positions[np.isfinite(far).any(axis=0)]
+    survey = mission.survey
+    spec = SurveyViewSpec(max_views=survey.max_views, pictures_per_patch=survey.pictures_per_patch,
+                          sight=SightSpec(distance_m=survey.distance_m))
+    return plan_survey(grid, surface, positions, mission.camera.survey_camera(), np.array(site.object_min_enu_m),
+                       np.array(site.object_max_enu_m), spec).poses

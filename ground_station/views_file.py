@@ -1,0 +1,58 @@
+"""Survey views from a CSV file: view_id, east_m, north_m, up_m and either qw, qx, qy, qz or yaw_deg, elevation_deg."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from missions.camera import Pose, View
+from missions.errors import UserError
+from missions.frames import matrix_from_quaternion, wrap_pi, yaw_elevation_from_forward
+
+QUATERNION = ("qw", "qx", "qy", "qz")
+ANGLES = ("yaw_deg", "elevation_deg")
+PLACE = ("east_m", "north_m", "up_m")
+
+
+def read_views(path: Path) -> list[View]:
+    """The views of a file, in its order. Quaternions are enu_from_camera, yaw is counter-clockwise from East; roll is
+    dropped. Raises UserError naming file, line and remedy."""
+    try:
+        with path.open(newline="", encoding="utf-8") as f:
+            reader = csv.DictReader(f)
+            rows = list(reader)
+            columns = set(reader.fieldnames or ())
+    except (OSError, UnicodeDecodeError, csv.Error) as e:
+        raise UserError(f"survey.views_path {path}: cannot be read ({e}); give a readable CSV file.") from e
+    missing = [c for c in ("view_id", *PLACE) if c not in columns]
+    if missing or not (columns.issuperset(QUATERNION) or columns.issuperset(ANGLES)):
+        raise UserError(f"survey.views_path {path}: columns {', '.join(missing) or 'of orientation'} are missing; add "
+                        f"them ({', '.join(QUATERNION)} or {', '.join(ANGLES)} for orientation).")
+    views = [_view(path, n, row) for n, row in enumerate(rows, start=2)]
+    seen: set[int] = set()
+    for n, view in enumerate(views, start=2):
+        if view.view_id in seen:
+            raise UserError(f"survey.views_path {path}: line {n}: view_id {view.view_id} occurs twice; number it anew.")
+        seen.add(view.view_id)
+    if not views:
+        raise UserError(f"survey.views_path {path}: holds no views; add some.")
+    return views
+
+
+def _view(path: Path, line: int, row: dict[str, str]) -> View:
+    try:
+        east, north, up = (float(row[c]) for c in PLACE)
+        if row.get(QUATERNION[0]):
+            quaternion = np.array([float(row[c]) for c in QUATERNION])
+            yaw, elevation = yaw_elevation_from_forward(matrix_from_quaternion(quaternion)[:, 2])
+        else:
+            yaw, elevation = (math.radians(float(row[c])) for c in ANGLES)
+        view_id = int(row["view_id"])
+    except (TypeError, ValueError) as e:
+        raise UserError(f"survey.views_path {path}: line {line}: {e}; write numbers there.") from e
+    if not all(map(math.isfinite, (east, north, up, yaw, elevation))) or abs(elevation) > math.pi / 2 + 1e-9:
+        raise UserError(f"survey.views_path {path}: line {line}: not a finite view with an elevation in ±90°; mend it.")
+    return View(view_id, Pose((east, north, up), wrap_pi(yaw), elevation))
