@@ -9,11 +9,11 @@ import numpy as np
 from missions.frames import Array
 from perception.reconstruct.pictures import SurveyPicture
 
-PARALLAX_RANGE_DEG = (3.0, 30.0)
+PARALLAX_RANGE_DEG = (3.0, 45.0)
 BEST_PARALLAX_DEG = 12.0
-MAX_TURN_DEG = 45.0
+MAX_TURN_DEG = 50.0
 MAX_ALONG_AXIS = 0.75
-MIN_OVERLAP = 0.25
+MIN_OVERLAP = 0.15
 
 
 def stereo_partners(pictures: list[SurveyPicture], distance_m: float, count: int) -> list[list[int]]:
