@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from missions.frames import Array
 from missions.grid import SurfaceVoxels
 
-FEWEST_VOXELS = 3
+LEAST_OF_A_WALL = 0.5
+"""A patch with fewer voxels around it than this share of what a flat wall would have is a thin member."""
 LEAST_AGREEMENT = 0.7
+"""Length of the mean of the unit normals below which they contradict each other."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +35,12 @@ class Patches:
         return len(self.voxels)
 
 
-def surface_patches(surface: SurfaceVoxels, object_min_enu_m: Array, object_max_enu_m: Array,
+def surface_patches(surface: SurfaceVoxels, object_min_enu_m: Array, object_max_enu_m: Array, voxel_m: float,
                     patch_m: float = 0.9) -> Patches:
     """Gather the surface voxels in the box by cell of size patch_m and by the axis that their normal is nearest to.
 
-    So both faces of a thin deck are patches of their own. A patch of few voxels, or of voxels whose normals disagree,
-    accepts any incidence. Patches come in rising order of cell and axis.
+    So both faces of a thin deck are patches of their own. A patch with few voxels (of voxel_m) around it, or whose
+    normals disagree, accepts any incidence. Patches come in rising order of cell and axis.
     """
     lower, upper = np.asarray(object_min_enu_m), np.asarray(object_max_enu_m)
     inside = np.all((surface.position_enu_m >= lower) & (surface.position_enu_m <= upper), axis=1)
@@ -50,7 +54,9 @@ def surface_patches(surface: SurfaceVoxels, object_min_enu_m: Array, object_max_
     mean, direction = (_mean(values, patch.ravel(), voxels) for values in (position, normal))
     agreement = np.linalg.norm(direction, axis=1)
     unit = direction / np.maximum(agreement, 1e-9)[:, None]
-    return Patches(mean, unit, (voxels < FEWEST_VOXELS) | (agreement < LEAST_AGREEMENT), voxels)
+    around = cKDTree(position).query_ball_point(mean, patch_m, return_length=True)
+    thin = around < LEAST_OF_A_WALL * math.pi * (patch_m / voxel_m) ** 2
+    return Patches(mean, unit, thin | (agreement < LEAST_AGREEMENT), voxels)
 
 
 def _mean(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) -> Array:

@@ -74,7 +74,7 @@ def plan_survey(grid: VoxelGrid, surface: SurfaceVoxels, positions_enu_m: Array,
     positions_enu_m: (n, 3) positions that vehicles may hold: free with clearance, and reachable. The plan is empty
     when there is no surface in the box or no position. Ties go to the earlier candidate.
     """
-    patches = surface_patches(surface, object_min_enu_m, object_max_enu_m, spec.patch_m)
+    patches = surface_patches(surface, object_min_enu_m, object_max_enu_m, grid.voxel_m, spec.patch_m)
     pictures, paired = np.zeros(len(patches), dtype=np.int64), np.zeros(len(patches), dtype=np.int64)
     if not len(patches) or not len(positions_enu_m):
         return SurveyPlan([], patches, np.zeros(len(patches), dtype=np.bool_), pictures, paired)
