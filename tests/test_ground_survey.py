@@ -1,0 +1,151 @@
+"""Views are conserved: whatever dies, runs low or is blocked, each ends with one outcome, and nothing is flown twice."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ground_station.airspace import Airspace
+from ground_station.ledger import ENERGY, FLOWN, UNREACHABLE, ViewLedger
+from ground_station.survey import CHUNK_VIEWS, Flyer, Survey
+from missions.camera import Pose, View
+from missions.grid import FREE, OCCUPIED, VoxelGrid
+from missions.messages import SiteBrief
+from missions.mission import Mission, SurveySpec
+
+MISSION = Mission(title="t")
+SITE = SiteBrief(object_min_enu_m=(-5.0, -5.0, 0.0), object_max_enu_m=(5.0, 5.0, 8.0), ground_up_m=0.0)
+
+
+def free_airspace(wall: bool = False) -> Airspace:
+    grid = VoxelGrid.unknown(np.array([-30.0, -30.0, 0.0]), np.array([30.0, 30.0, 30.0]), 1.0)
+    grid.state[:] = FREE
+    if wall:
+        grid.state[40:] = OCCUPIED
+    return Airspace.of(grid, MISSION, SITE)
+
+
+def views(n: int, seed: int = 0) -> list[View]:
+    rng = np.random.default_rng(seed)
+    return [View(10001 + i, Pose(tuple(rng.uniform((-10, -10, 3), (8, 10, 12))), 0.0, 0.0)) for i in range(n)]
+
+
+def flyer(k: int, range_m: float = 1e4) -> Flyer:
+    home = np.array([6.0 * k, -15.0, 3.0])
+    return Flyer(k, home, home, range_m)
+
+
+AIR = free_airspace()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 30), st.randoms(use_true_random=False))
+def test_every_view_gets_exactly_one_outcome(vehicles: int, n: int, rng: random.Random) -> None:
+    survey, alive = Survey(views(n), SurveySpec()), {k: flyer(k) for k in range(1, vehicles + 1)}
+    survey.allocate(list(alive.values()), 0.0)
+    flown: list[int] = []
+    for step in range(400):
+        if survey.over:
+            break
+        for k in sorted(alive):
+            waypoints = survey.next_waypoints(alive[k], AIR, []) if survey.waiting(k) else []
+            plan = [w.view_id for w in waypoints if w.view_id is not None]
+            assert not set(plan) & set(flown)
+            fate = rng.random()
+            if plan and fate < 0.1:
+                survey.plan_refused(k)
+                continue
+            for view_id in plan:
+                event = rng.random()
+                if event < 0.7:
+                    survey.flown(view_id, k)
+                    flown.append(view_id)
+                elif event < 0.8:
+                    survey.not_flown(view_id, k, "blocked")
+                elif event < 0.85 and step < 300:
+                    survey.gone(k, rng.choice([ENERGY, "lost"]))
+                    del alive[k]
+                    break
+            else:
+                survey.plan_over(k)
+        survey.redistribute(list(alive.values()), float(step))
+    outcomes = survey.ledger.outcomes()
+    assert survey.over
+    assert set(outcomes) == {str(10001 + i) for i in range(n)}
+    assert set(outcomes.values()) <= {FLOWN, UNREACHABLE, ENERGY}
+    assert sorted(flown) == sorted(int(k) for k, v in outcomes.items() if v == FLOWN)
+    assert len(flown) == len(set(flown))
+
+
+def test_a_lost_vehicles_views_go_to_the_other_and_keep_their_origin() -> None:
+    survey, both = Survey(views(30), SurveySpec()), [flyer(1), flyer(2)]
+    survey.allocate(both, 0.0)
+    mine = survey.ledger.held_by(1)
+    survey.next_waypoints(both[0], AIR, [])
+    survey.flown(mine[0], 1)
+    survey.gone(1, "lost")
+    survey.redistribute([both[1]], 7.0)
+    assert survey.ledger.held_by(1) == []
+    assert len(survey.ledger.held_by(2)) == 29
+    assert {survey.ledger.origin(v) for v in mine} == {1}
+    assert [(r["view_id"], r["from"], r["to"], r["t_s"]) for r in survey.ledger.reassignments] == [
+        (v, 1, 2, 7.0) for v in [r["view_id"] for r in survey.ledger.reassignments]]
+    assert {r["view_id"] for r in survey.ledger.reassignments} == set(mine[1:])
+
+
+def test_blocked_views_are_tried_once_by_another_then_unreachable() -> None:
+    ledger = ViewLedger(views(1))
+    ledger.assign(10001, 1, 0.0)
+    ledger.blocked(10001)
+    assert ledger.homeless() == [10001]
+    ledger.assign(10001, 2, 1.0)
+    ledger.blocked(10001)
+    assert ledger.outcomes() == {"10001": UNREACHABLE}
+    with pytest.raises(ValueError, match="not free"):
+        ledger.assign(10001, 1, 2.0)
+
+
+def test_a_refused_chunk_is_halved_until_the_bad_view_stands_alone() -> None:
+    survey, me = Survey(views(16), SurveySpec()), flyer(1)
+    survey.allocate([me], 0.0)
+    bad = survey.ledger.held_by(1)[5]
+    for _ in range(40):
+        if not survey.waiting(1):
+            break
+        plan = [w.view_id for w in survey.next_waypoints(me, AIR, []) if w.view_id is not None]
+        if bad in plan:
+            survey.plan_refused(1)
+            continue
+        for view_id in plan:
+            survey.flown(view_id, 1)
+    survey.redistribute([me], 1.0)
+    assert {k for k, v in survey.ledger.outcomes().items() if v != FLOWN} == {str(bad)}
+    assert survey.ledger.outcomes()[str(bad)] == UNREACHABLE
+
+
+def test_views_in_solid_space_are_never_in_a_plan() -> None:
+    inside = View(10001, Pose((20.0, 0.0, 10.0), 0.0, 0.0))
+    outside = View(10002, Pose((0.0, 0.0, 10.0), 0.0, 0.0))
+    survey = Survey([inside, outside], SurveySpec())
+    survey.allocate([flyer(1)], 0.0)
+    plan = survey.next_waypoints(flyer(1), free_airspace(wall=True), [])
+    assert [w.view_id for w in plan if w.view_id is not None] == [10002]
+
+
+def test_without_range_nothing_is_promised() -> None:
+    survey, poor = Survey(views(5), SurveySpec()), flyer(2, range_m=1.0)
+    survey.allocate([flyer(1)], 0.0)
+    survey.gone(1, ENERGY)
+    survey.redistribute([poor], 1.0)
+    assert set(survey.ledger.outcomes().values()) == {ENERGY}
+
+
+def test_chunks_are_small_enough_to_upload() -> None:
+    survey = Survey(views(3 * CHUNK_VIEWS), SurveySpec())
+    survey.allocate([flyer(1)], 0.0)
+    plan = survey.next_waypoints(flyer(1), AIR, [])
+    assert sum(w.view_id is not None for w in plan) == CHUNK_VIEWS <= 60
