@@ -22,7 +22,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from missions.errors import LinkError
+from missions.errors import LinkError, ProtocolError
 from missions.topics import ROOT, M, Topic
 
 log = logging.getLogger(__name__)
@@ -35,6 +35,8 @@ PATIENCE_MS = 120_000
 """How long a publisher waits for a slow receiver before zenoh gives up the link and all that is queued on it."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 DELIVERY_TIMEOUT_S = 30.0
+MALFORMED = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+"""Everything that decoding hostile bytes can raise."""
 
 
 class _Envelope(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -56,7 +58,7 @@ class Delivery:
 
 
 class _Inbox:
-    """Raw messages of one concrete key, of its sender's newest boot."""
+    """Raw messages of one concrete key, of the one sender that the key belongs to."""
 
     def __init__(self) -> None:
         self.boot = ""
@@ -65,14 +67,14 @@ class _Inbox:
         self.expected = 0
         self.queue: deque[_Envelope] = deque()
 
-    def put(self, envelope: _Envelope) -> None:
+    def put(self, envelope: _Envelope) -> bool:
+        """False for a message that comes from somebody else than the first sender on this key."""
+        self.boot = self.boot or envelope.boot
         if envelope.boot != self.boot:
-            if self.boot:  # the first message may come after the count that announces it
-                self.received, self.delivered, self.expected = 0, 0, 0
-                self.queue.clear()
-            self.boot = envelope.boot
+            return False
         self.received += 1
         self.queue.append(envelope)
+        return True
 
 
 class Bus:
@@ -182,7 +184,14 @@ class Bus:
         return self._decode(raw)
 
     def wake(self) -> None:
-        """Make a waiting `poll` look at its `until` again; may be called from a signal handler."""
+        """Make a waiting `poll` look at its `until` again; may be called from a signal handler.
+
+        A thread of its own gets the lock only while the poll truly waits, so that the call cannot fall into the gap
+        between its look and its wait.
+        """
+        threading.Thread(target=self._notify, daemon=True).start()
+
+    def _notify(self) -> None:
         with self._condition:
             self._condition.notify_all()
 
@@ -207,7 +216,7 @@ class Bus:
             topic, who = found
             try:
                 message = msgspec.msgpack.decode(envelope.body, type=topic.type)
-            except msgspec.DecodeError as e:
+            except MALFORMED as e:
                 self._reject(key, e)
                 continue
             out.append(Delivery(topic, who, envelope.sender, envelope.t_ns, message))
@@ -227,17 +236,17 @@ class Bus:
         key = str(sample.key_expr)
         try:
             envelope = msgspec.msgpack.decode(bytes(sample.payload), type=_Envelope)
-        except msgspec.DecodeError as e:
+        except MALFORMED as e:
             self._reject(key, e)
             return
         with self._condition:
             found = self._topic(key)
             if found is None:
                 return
-            if found[0].lockstep:
-                self._inboxes[key].put(envelope)
-            else:
+            if not found[0].lockstep:
                 self._free.append((key, envelope))
+            elif not self._inboxes[key].put(envelope):
+                self._reject(key, ProtocolError(f"{envelope.sender} {envelope.boot} is not its sender"))
             self._condition.notify_all()
 
     def _on_alive(self, name: str, kind: Any) -> None:

@@ -47,7 +47,7 @@ class RunFolder:
 
     @property
     def truth_mesh(self) -> Path:
-        """The true object's exposed surface."""
+        """The true object's mesh."""
         return self.truth / "reference.ply"
 
     @property

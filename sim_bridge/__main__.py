@@ -9,6 +9,9 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
+import numpy as np
+
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import BRIDGE, GROUND, vehicle_name
 from missions.errors import SwarmscanError, UserError
@@ -18,11 +21,11 @@ from missions.pads import camera_bounds
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage, lattice_positions
-from sim_bridge.render.renderer import Renderer, make_renderer
+from sim_bridge.render.renderer import make_renderer
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
-from sim_bridge.truth import Truth
-from sim_bridge.verdict import COVERAGE_POINTS, exposed_points, write_reference, write_verdict
+from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
+from sim_bridge.verdict import COVERAGE_POINTS, reference_points, write_reference, write_verdict
 from sim_bridge.world import World
 
 log = logging.getLogger(__name__)
@@ -50,7 +53,8 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
     scene = load_scene(mission.scene, mission.site)
     site = site_brief(mission, scene)
     truth = Truth(*scene.mesh(), mission.obstacles)
-    coverage = Coverage(truth, exposed_points(scene, COVERAGE_POINTS)[0], mission.explore.sensing_range_m)
+    surface = reference_points(scene, site, COVERAGE_POINTS)
+    coverage = Coverage(truth, surface.points_enu_m, mission.explore.sensing_range_m)
     renderer = make_renderer(scene, mission.render, mission.camera, mission.seed)
     try:
         log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
@@ -62,7 +66,7 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
                 signal.signal(number, lambda *_: clock.interrupt())
             clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
             world.run()
-        _conclude(mission, folder, scene, site, world, coverage, renderer)
+        _conclude(mission, folder, scene, site, truth, world, coverage, renderer.backend_name)
     finally:
         renderer.close()
     folder.write_process_record("bridge", frames=world.pictures, ticks=world.ticks, render_s=round(world.render_s, 3),
@@ -77,16 +81,16 @@ def site_brief(mission: Mission, scene: Scene) -> SiteBrief:
                      ground_up_m=scene.ground_up_m if given.ground_up_m is None else given.ground_up_m)
 
 
-def _conclude(mission: Mission, folder: RunFolder, scene: Scene, site: SiteBrief, world: World, coverage: Coverage,
-              renderer: Renderer) -> None:
+def _conclude(mission: Mission, folder: RunFolder, scene: Scene, site: SiteBrief, truth: Truth, world: World,
+              coverage: Coverage, backend: str) -> None:
     """Write what is true, after the flight."""
     positions = lattice_positions(*camera_bounds(mission, site), mission.explore.lattice_step_m)
-    positions = positions[world.clearances(positions) >= mission.fleet.clearance_m]
+    clearance = truth.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS))
+    positions = positions[clearance >= mission.fleet.clearance_m]
     ceiling = coverage.ceiling(positions, mission.explore, mission.camera.explore_camera())
-    write_reference(folder, scene)
+    write_reference(folder, scene, site)
     write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(ceiling), "pictures": world.pictures,
-                           "renderer": renderer.backend_name, "scene_notes": scene.notes,
-                           "trajectories_recorded": False})
+                           "renderer": backend, "notes": scene.notes, "site": msgspec.to_builtins(site)})
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:

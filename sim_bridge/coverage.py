@@ -11,11 +11,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.camera import Camera, Pose
-from missions.frames import Array
+from missions.camera import Camera
+from missions.frames import Array, enu_from_camera
 from missions.messages import ShutterRequest
 from missions.mission import ExploreSpec
-from sim_bridge.truth import Mask, Truth
+from sim_bridge.truth import BEFORE_FLIGHT_NS, Mask, Truth
+
+Indices = NDArray[np.int64]
 
 TOLERANCE_M = 0.02
 
@@ -24,7 +26,7 @@ class Coverage:
     """Which reference points on the object exploration has seen."""
 
     def __init__(self, truth: Truth, points_enu_m: Array, range_m: float) -> None:
-        """points_enu_m (n, 3): spread evenly over the object's exposed surface. range_m: seen farther away is unseen."""
+        """points_enu_m (n, 3): spread evenly over the object's exposed surface; beyond range_m nothing is seen."""
         self._truth, self._points, self._range_m = truth, points_enu_m, range_m
         self._seen = np.zeros(len(points_enu_m), dtype=bool)
         self.per_view: list[float] = []
@@ -33,20 +35,20 @@ class Coverage:
     def add(self, shutter: ShutterRequest) -> None:
         """Count what an exploration picture sees."""
         unseen = np.flatnonzero(~self._seen)
-        self._seen[unseen[self._sees(unseen, [shutter.pose], shutter.camera, shutter.t_capture_ns)]] = True
+        eye = np.array(shutter.pose.position_enu_m)
+        views = shutter.pose.enu_from_camera[None]
+        self._seen[self._seen_from(eye, views, shutter.camera, unseen, shutter.t_capture_ns)] = True
         self.per_view.append(float(self._seen.mean()))
         self.view_ids.append(shutter.view_id)
 
     def ceiling(self, positions_enu_m: Array, explore: ExploreSpec, camera: Camera) -> float:
         """The share that views from these positions (n, 3), in all of the mission's directions, and the pictures taken
         so far can see together. Boxes that appear in flight do not lower it."""
+        views = np.stack([enu_from_camera(2.0 * math.pi * k / explore.azimuths, math.radians(elevation))
+                          for elevation in explore.elevations_deg for k in range(explore.azimuths)])
         seen = self._seen.copy()
         for position in positions_enu_m:
-            unseen = np.flatnonzero(~seen)
-            poses = [Pose((float(position[0]), float(position[1]), float(position[2])), yaw, math.radians(elevation))
-                     for elevation in explore.elevations_deg
-                     for yaw in 2.0 * math.pi / explore.azimuths * np.arange(explore.azimuths)]
-            seen[unseen[self._sees(unseen, poses, camera, -1)]] = True
+            seen[self._seen_from(position, views, camera, np.flatnonzero(~seen), BEFORE_FLIGHT_NS)] = True
         return float(seen.mean())
 
     def summary(self, ceiling: float) -> dict[str, object]:
@@ -55,20 +57,18 @@ class Coverage:
         auc = float(np.mean(self.per_view)) if self.per_view else 0.0
         return {"final": final, "ceiling": ceiling, "auc": auc, "per_view": self.per_view, "view_ids": self.view_ids}
 
-    def _sees(self, index: NDArray[np.int64], poses: list[Pose], camera: Camera, t_ns: int) -> Mask:
-        """(len(index),) whether any of these views from one position sees the points of this index."""
-        eye = np.array(poses[0].position_enu_m)
-        away = self._points[index] - eye
-        result: Mask = np.einsum("ij,ij->i", away, away) <= self._range_m**2
-        near = np.flatnonzero(result)
-        framed = np.zeros(len(near), dtype=bool)
-        for pose in poses:
-            framed |= in_frame(away[near] @ pose.enu_from_camera, camera)
-        result[near] = framed
-        framed_index = np.flatnonzero(result)
-        if len(framed_index):
-            result[framed_index] = self._truth.visible(eye, self._points[index[framed_index]], TOLERANCE_M, t_ns)
-        return result
+    def _seen_from(self, eye_enu_m: Array, enu_from_cameras: Array, camera: Camera, candidates: Indices,
+                   t_ns: int) -> Indices:
+        """Those candidates, indices of points, that any of some views (k, 3, 3) from one position sees."""
+        away = self._points[candidates] - eye_enu_m
+        near = np.einsum("ij,ij->i", away, away) <= self._range_m**2
+        candidates, away = candidates[near], away[near]
+        visible = self._truth.visible(eye_enu_m, self._points[candidates], TOLERANCE_M, t_ns)
+        candidates, away = candidates[visible], away[visible]
+        framed = np.zeros(len(away), dtype=bool)
+        for view in enu_from_cameras:
+            framed |= in_frame(away @ view, camera)
+        return candidates[framed]
 
 
 def in_frame(points_camera: Array, camera: Camera) -> Mask:

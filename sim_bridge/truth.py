@@ -6,6 +6,7 @@ Nothing here is ever shown to the ground station or to a vehicle; the referee ju
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -19,6 +20,8 @@ from missions.mission import ObstacleSpec
 Floats32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+BEFORE_FLIGHT_NS = -1
+"""A time at which no obstacle has appeared yet."""
 THREADS = 1
 """The other processes of a mission want the remaining cores."""
 
@@ -29,8 +32,7 @@ class Truth:
     def __init__(self, vertices_enu_m: Array, faces: NDArray[np.int32], obstacles: Sequence[ObstacleSpec] = ()) -> None:
         """vertices_enu_m (n, 3), faces (m, 3) of the whole scene; obstacles as in the mission file."""
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
-        self._scene.add_triangles(o3d.core.Tensor(np.ascontiguousarray(vertices_enu_m, dtype=np.float32)),
-                                  o3d.core.Tensor(np.ascontiguousarray(faces, dtype=np.uint32)))
+        self._scene.add_triangles(_tensor(vertices_enu_m, np.float32), _tensor(faces, np.uint32))
         self._obstacles = list(obstacles)
         self._center = np.array([o.center_enu_m for o in obstacles]).reshape(-1, 3)
         self._half = 0.5 * np.array([o.size_m for o in obstacles]).reshape(-1, 3)
@@ -44,7 +46,8 @@ class Truth:
     def cast(self, origins_enu_m: Array, directions_enu: Array, max_m: float, t_ns: int) -> Array:
         """(n,) distance along each ray of (n, 3) to the first surface; inf beyond max_m."""
         rays = _rays(origins_enu_m, directions_enu)
-        hit = self._scene.cast_rays(o3d.core.Tensor(rays), nthreads=THREADS)["t_hit"].numpy().astype(np.float64)
+        answer = self._scene.cast_rays(_tensor(rays, np.float32), nthreads=THREADS)
+        hit = answer["t_hit"].numpy().astype(np.float64)
         for k in np.flatnonzero(self._present(np.array([t_ns]))[0]):
             hit = np.minimum(hit, _box_entry(rays, self._center[k], self._half[k]))
         return np.where(hit <= max_m, hit, np.inf)
@@ -55,15 +58,16 @@ class Truth:
         length = np.linalg.norm(away, axis=1, keepdims=True)
         reach = away * np.clip(1.0 - tolerance_m / np.maximum(length, 1e-9), 0.0, None)
         rays = _rays(np.broadcast_to(eye_enu_m, points_enu_m.shape), reach)
-        hidden: Mask = self._scene.test_occlusions(o3d.core.Tensor(rays), tnear=0.0, tfar=1.0, nthreads=THREADS).numpy()
+        answer = self._scene.test_occlusions(_tensor(rays, np.float32), tnear=0.0, tfar=1.0, nthreads=THREADS)
+        hidden: Mask = answer.numpy()
         for k in np.flatnonzero(self._present(np.array([t_ns]))[0]):
             hidden = hidden | (_box_entry(rays, self._center[k], self._half[k]) <= 1.0)
         return ~hidden
 
     def distance(self, points_enu_m: Array, t_ns: NDArray[np.int64]) -> Array:
         """(n,) distance of points (n, 3) to the nearest surface at times (n,); 0 inside a box."""
-        queries = o3d.core.Tensor(np.ascontiguousarray(points_enu_m, dtype=np.float32))
-        result: Array = self._scene.compute_distance(queries, nthreads=THREADS).numpy().astype(np.float64)
+        answer = self._scene.compute_distance(_tensor(points_enu_m, np.float32), nthreads=THREADS)
+        result: Array = answer.numpy().astype(np.float64)
         present = self._present(t_ns)
         for k in range(len(self._obstacles)):
             outside = np.maximum(np.abs(points_enu_m - self._center[k]) - self._half[k], 0.0)
@@ -72,8 +76,8 @@ class Truth:
 
     def inside(self, points_enu_m: Array) -> Mask:
         """(n,) whether points (n, 3) lie within closed parts of the scene (majority of three ray parities)."""
-        queries = o3d.core.Tensor(np.ascontiguousarray(points_enu_m, dtype=np.float32))
-        result: Mask = self._scene.compute_occupancy(queries, nthreads=THREADS, nsamples=3).numpy() > 0.5
+        answer = self._scene.compute_occupancy(_tensor(points_enu_m, np.float32), nthreads=THREADS, nsamples=3)
+        result: Mask = answer.numpy() > 0.5
         return result
 
     def depth(self, camera: Camera, pose: Pose, t_ns: int) -> Array:
@@ -86,6 +90,10 @@ class Truth:
         t = t_ns[:, None]
         result: Mask = (self._appears_ns <= t) & (t < self._disappears_ns)
         return result
+
+
+def _tensor(array: NDArray[Any], dtype: type) -> Any:
+    return o3d.core.Tensor.from_numpy(np.ascontiguousarray(array, dtype=dtype))
 
 
 def _rays(origins: Array, directions: Array) -> Floats32:

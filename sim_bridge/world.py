@@ -6,12 +6,9 @@ import hashlib
 import logging
 import time
 
-import numpy as np
-
 from missions import topics
 from missions.bus import Bus
 from missions.clock import GROUND, SECOND_NS, vehicle_name
-from missions.frames import Array
 from missions.messages import PictureMeta, SensorPicture, ShutterRequest, VehicleState
 from missions.mission import Mission
 from sim_bridge.clock_server import ClockServer, Round
@@ -53,10 +50,6 @@ class World:
             over = self._over(round_)
         self._watch(self._clock.run_tick(stop=True))
         self.referee.finish()
-
-    def clearances(self, positions_enu_m: Array) -> Array:
-        """(n,) distance of positions (n, 3) to the true scene without the boxes that come and go."""
-        return self._truth.distance(positions_enu_m, np.full(len(positions_enu_m), -1))
 
     def _over(self, round_: Round) -> bool:
         if GROUND not in round_.participants or self._clock.interrupted:
