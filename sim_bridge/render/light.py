@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,9 +16,9 @@ Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 
 GRAIN_SIZE = 128
-GRAIN_PERIODS_M = (0.41, 3.7, 31.0)
-"""Edge lengths of the three copies of the grain volume: texels of 3 mm, 3 cm and 24 cm, with no common multiple."""
-GRAIN_WEIGHTS = (0.55, 0.65, 0.45)
+GRAIN_PERIODS_M = (0.43, 9.1)
+"""Edge lengths of the two copies of the grain volume: octaves from 7 mm to 0.4 m and from 14 cm to 9 m."""
+GRAIN_WEIGHTS = (0.75, 0.75)
 GRAIN_TEXTURED, GRAIN_PROCEDURAL = 0.30, 0.48
 """Strength of the grain on surfaces that bring a picture of their own, and on those that do not."""
 GRAIN_LUMA, GRAIN_HUE, GRAIN_FLOOR = 4.0, (1.3, 0.2, -1.5), 0.12
@@ -39,7 +41,7 @@ class Light:
     """Everything that shades a picture besides the surfaces.
 
     to_sun_enu: unit (3,). sky: (SKY_SIZE, SKY_SIZE, 3) uint8 equal-area map centred on the zenith, East right, North up
-    in array order. grain: (GRAIN_SIZE,) * 3 + (2,) uint8, tileable. grain_from_enu: (3, 3, 3) rotation per scale.
+    in array order. grain: (GRAIN_SIZE,) * 3 + (2,) uint8, tileable. grain_from_enu: (2, 3, 3) rotation per scale.
     """
 
     to_sun_enu: NDArray[np.float64]
@@ -48,6 +50,7 @@ class Light:
     grain_from_enu: Floats
 
 
+@functools.lru_cache(maxsize=2)
 def make_light(spec: RenderSpec, seed: int) -> Light:
     """Sun, sky and grain of a mission; the same seed gives the same bytes."""
     rng = np.random.default_rng([seed, 0x11647])
@@ -110,8 +113,6 @@ def _sky_directions() -> NDArray[np.float64]:
 
 
 def _clouds(direction: NDArray[np.float64], rng: np.random.Generator) -> Floats:
-    import cv2
-
     noise = fractal_noise((1024, 1024), rng, 1.55)
     plane = direction[..., :2] / (np.clip(direction[..., 2:], 0, 1) + 0.12) * 150.0
     u, v = plane[..., 0].astype(np.float32) % 1024, plane[..., 1].astype(np.float32) % 1024

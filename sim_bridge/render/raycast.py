@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +24,7 @@ from sim_bridge.scenes.scene import Scene
 SUBPIXELS = 2
 """Rays per pixel along each axis up to SUPERSAMPLED_WIDTH_PX; above, one ray per pixel, because four take too long."""
 SUPERSAMPLED_WIDTH_PX = 640
-_ROWS_AT_ONCE_PX = 400_000
+_CHUNK_RAYS = 1 << 16
 _SHADOW_OFFSET_M = 0.005
 
 
@@ -50,6 +52,7 @@ class RaycastRenderer:
         self._static = geometry_of(scene.parts)
         self._boxes: tuple[Box, ...] = ()
         self._world = _make_world(self._static)
+        self._pool = ThreadPoolExecutor(os.cpu_count())
 
     @property
     def backend_name(self) -> str:
@@ -62,17 +65,17 @@ class RaycastRenderer:
         n = SUBPIXELS if camera.width_px <= SUPERSAMPLED_WIDTH_PX else 1
         fine = camera.scaled(camera.width_px * n, camera.height_px * n)
         rays = fine.rays_camera().reshape(-1, 3)
-        color = np.empty((len(rays), 3), np.float32)
-        for start in range(0, len(rays), _ROWS_AT_ONCE_PX):
-            some = slice(start, start + _ROWS_AT_ONCE_PX)
-            color[some] = self._shade(rays[some] @ pose.enu_from_camera.T, np.array(pose.position_enu_m), fine.fx_px)
+        eye, turn = np.array(pose.position_enu_m), pose.enu_from_camera.T
+        chunks = [rays[start:start + _CHUNK_RAYS] for start in range(0, len(rays), _CHUNK_RAYS)]
+        color = np.concatenate(list(self._pool.map(lambda chunk: self._shade(chunk @ turn, eye, fine.fx_px), chunks)))
         color = color.reshape(camera.height_px, n, camera.width_px, n, 3).mean(axis=(1, 3))
         rgb = np.asarray(np.clip(color, 0, 1) * 255 + 0.5, np.uint8)
         self._noise.add_to(rgb, noise_key)
         return rgb
 
     def close(self) -> None:
-        """Nothing outlives the object."""
+        """Stop the threads."""
+        self._pool.shutdown()
 
     def _set_boxes(self, boxes: Sequence[Box]) -> None:
         wanted = tuple((tuple(center), tuple(size)) for center, size in boxes)
@@ -84,10 +87,9 @@ class RaycastRenderer:
         """(n, 3) display colours 0-1 along rays whose depth component is 1."""
         world = self._world
         face = world.caster.intersects_first(np.broadcast_to(eye, rays_enu.shape), rays_enu)
-        color = sample_dome(self._light.sky, rays_enu)
-        hit = np.flatnonzero(face >= 0)
-        if not len(hit):
-            return color
+        color = np.empty((len(rays_enu), 3), np.float32)
+        missed, hit = np.flatnonzero(face < 0), np.flatnonzero(face >= 0)
+        color[missed] = sample_dome(self._light.sky, rays_enu[missed])
         face, ray = face[hit], rays_enu[hit]
         normal = world.normal[face]
         slope = np.einsum("ij,ij->i", ray, normal)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -67,14 +69,22 @@ def _nearest_level(footprint_texels: NDArray[np.floating], levels: int) -> NDArr
 
 def _sample_repeating(level: Bytes, at: NDArray[np.floating]) -> Floats:
     """Multilinear look-up; at (n, axes) in periods, in the order of the array's axes."""
-    shape = np.array(level.shape[:-1])
-    position = (at - np.floor(at)) * shape - 0.5
-    low = np.floor(position).astype(np.intp)
-    part = (position - low).astype(np.float32)
+    axes = [_neighbours(at[:, axis], size) for axis, size in enumerate(level.shape[:-1])]
     flat = level.reshape(-1, level.shape[-1])
     out = np.zeros((len(at), level.shape[-1]), np.float32)
-    for corner in np.ndindex(*(2,) * len(shape)):
-        index = np.ravel_multi_index(tuple((low + corner).T), tuple(shape), mode="wrap")
-        weight = np.prod(np.where(corner, part, 1 - part), axis=1, dtype=np.float32)
-        out += weight[:, None] * flat[index]
+    for corner in itertools.product((0, 1), repeat=len(axes)):
+        index, weight = np.zeros(len(at), np.int32), np.ones(len(at), np.float32)
+        for size, (indices, weights), side in zip(level.shape, axes, corner, strict=False):
+            index = index * np.int32(size) + indices[side]
+            weight = weight * weights[side]
+        out += weight[:, None] * flat.take(index, axis=0)
     return out
+
+
+def _neighbours(at: NDArray[np.floating], size: int) -> tuple[list[NDArray[np.int32]], list[Floats]]:
+    """Indices of the texels on both sides of each coordinate, and their weights."""
+    position = ((at - np.floor(at)) * size - 0.5).astype(np.float32)
+    low = np.floor(position)
+    part = position - low
+    first = low.astype(np.int32) % np.int32(size)
+    return [first, (first + np.int32(1)) % np.int32(size)], [1 - part, part]

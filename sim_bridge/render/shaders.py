@@ -26,7 +26,7 @@ uniform sampler2D picture;
 uniform sampler3D grain;
 uniform sampler2DShadow shadow;
 uniform mat4 shadow_from_enu;
-uniform mat3 grain_from_enu[3];
+uniform mat3 grain_from_enu[2];
 uniform vec3 to_sun_enu;
 uniform float shadow_offset_m;
 out vec4 out_color;
@@ -39,9 +39,8 @@ void main() {
     albedo *= texel * texel;
     #endif
     vec2 fine = texture(grain, grain_from_enu[0] * enu_m).rg - 0.5;
-    vec2 middle = texture(grain, grain_from_enu[1] * enu_m).rg - 0.5;
-    vec2 coarse = texture(grain, grain_from_enu[2] * enu_m).rg - 0.5;
-    vec2 stain = WEIGHT_0 * fine + WEIGHT_1 * middle + WEIGHT_2 * coarse;
+    vec2 coarse = texture(grain, grain_from_enu[1] * enu_m).rg - 0.5;
+    vec2 stain = WEIGHT_0 * fine + WEIGHT_1 * coarse;
     albedo *= max(1.0 + tint.a * (GRAIN_LUMA * stain.x + stain.y * GRAIN_HUE), GRAIN_FLOOR);
 
     float facing = dot(normal, to_sun_enu);
@@ -89,6 +88,24 @@ void main() { gl_Position = shadow_clip_from_enu * vec4(in_position, 1.0); }
 SHADOW_FRAGMENT = """
 #version 330 core
 void main() {}
+"""
+
+AVERAGE_VERTEX = """
+#version 330 core
+out vec2 at;
+void main() {
+    vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+    gl_Position = vec4(corner, 0.0, 1.0);
+    at = 0.5 + 0.5 * corner;
+}
+"""
+
+AVERAGE_FRAGMENT = """
+#version 330 core
+in vec2 at;
+uniform sampler2D picture;
+out vec4 out_color;
+void main() { out_color = textureLod(picture, at, 0.0); }
 """
 
 
