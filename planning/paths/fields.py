@@ -93,8 +93,8 @@ class MeshField:
 
     def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
         """As ObstacleField says."""
-        return np.array([self._segment_clear(a, b, clearance_m) for a, b in zip(*_pairs(a_enu_m, b_enu_m), strict=True)],
-                        dtype=np.bool_)
+        pairs = zip(*_pairs(a_enu_m, b_enu_m), strict=True)
+        return np.array([self._segment_clear(a, b, clearance_m) for a, b in pairs], dtype=np.bool_)
 
     def _segment_clear(self, a: Array, b: Array, need: float) -> bool:
         length, done = float(np.linalg.norm(b - a)), 0.0

@@ -199,15 +199,15 @@ def search(clearance: NDArray[np.float32], need: float, voxel: float, seeds: NDA
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def lower_by_spheres(clearance: NDArray[np.float32], origin: Array, voxel: float, spheres: Array, margin: float) -> None:
+def lower_by_spheres(clearance: NDArray[np.float32], origin: Array, voxel: float, spheres: Array,
+                     margin: float) -> None:
     """Take spheres into account at the voxel centres within `margin` of them, in place."""
-    nx, ny, nz = clearance.shape
     for m in range(spheres.shape[0]):
         reach = spheres[m, 3] + margin
         lo, hi = np.empty(3, np.int64), np.empty(3, np.int64)
         for axis in range(3):
-            lo[axis] = max(0, int(math.floor((spheres[m, axis] - reach - origin[axis]) / voxel)))
-            top = int(math.ceil((spheres[m, axis] + reach - origin[axis]) / voxel)) + 1
+            lo[axis] = max(0, math.floor((spheres[m, axis] - reach - origin[axis]) / voxel))
+            top = math.ceil((spheres[m, axis] + reach - origin[axis]) / voxel) + 1
             hi[axis] = min(clearance.shape[axis], top)
         for i in range(lo[0], hi[0]):
             for j in range(lo[1], hi[1]):

@@ -47,7 +47,7 @@ class Curve:
 
     @classmethod
     def along(cls, origin: Array, direction: Array, pieces: Array, duration_s: float) -> Curve:
-        """A straight line: pieces (k, 5) are start time, distance, speed, acceleration and jerk along direction (3,)."""
+        """A straight line: pieces (k, 5): start time, distance, speed, acceleration, jerk along direction (3,)."""
         p, v, a, j = (pieces[:, c, None] * direction for c in range(1, 5))
         return cls(pieces[:, 0].copy(), origin + p, v, a, j, duration_s)
 

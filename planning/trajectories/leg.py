@@ -54,16 +54,16 @@ class Leg(Curve):
                  minimum_s: float = 0.0) -> None:
         goal = np.asarray(goal, dtype=np.float64)
         parts: list[Curve] = []
+        spent = 0.0
         direction = _unit(goal - start.position)
         if start.moving and not _points_along(start, direction):
             parts.append(brake(start, limits))
-            start = State.at_rest(parts[0].end)
+            start, spent = State.at_rest(parts[0].end), parts[0].duration_s
             direction = _unit(goal - start.position)
+        rest = max(0.0, minimum_s - spent)
         if direction is None:
-            parts.append(Curve.hold(start.position, minimum_s - sum(p.duration_s for p in parts)
-                                    if minimum_s > sum(p.duration_s for p in parts) else 0.0))
+            parts.append(Curve.hold(start.position, rest))
         else:
-            rest = max(0.0, minimum_s - sum(p.duration_s for p in parts))
             parts.append(_straight(start, goal, direction, limits, goal_speed_m_s, rest))
         whole = Curve.chain(parts)
         super().__init__(whole._start, whole._p, whole._v, whole._a, whole._j, whole.duration_s)
@@ -98,7 +98,8 @@ def _ramp_time_s(peak_m_s: Array, limits: Limits) -> Array:
     return np.asarray(np.where(peak_m_s * j >= a * a, peak_m_s / a + a / j, 2.0 * np.sqrt(peak_m_s / j)))
 
 
-def _straight(start: State, goal: Array, direction: Array, limits: Limits, goal_speed: float, minimum_s: float) -> Curve:
+def _straight(start: State, goal: Array, direction: Array, limits: Limits, goal_speed: float,
+              minimum_s: float) -> Curve:
     request = _request(start, direction, limits)
     request.target_position = [float(np.dot(goal - start.position, direction))]
     request.target_velocity = [goal_speed]
@@ -111,7 +112,7 @@ def _request(start: State, direction: Array, limits: Limits) -> Any:
     request = ruckig.InputParameter(1)
     request.current_position = [0.0]
     request.current_velocity, request.current_acceleration = [speed], [acceleration]
-    request.max_velocity = [max(limits.speed_m_s, min(abs(speed), limits.speed_m_s * (1.0 + 1e-6)))]
+    request.max_velocity = [limits.speed_m_s]
     request.max_acceleration = [limits.acceleration_m_s2]
     request.max_jerk = [limits.jerk_m_s3]
     return request
@@ -156,5 +157,8 @@ def _direction_of(start: State) -> Array | None:
 def _points_along(start: State, direction: Array | None) -> bool:
     if direction is None:
         return not start.moving
-    return all(float(np.linalg.norm(x - (x @ direction) * direction)) <= PARALLEL_TOLERANCE * max(1.0, abs(x @ direction))
-               for x in (start.velocity, start.acceleration))
+    for vector in (start.velocity, start.acceleration):
+        along = float(vector @ direction)
+        if float(np.linalg.norm(vector - along * direction)) > PARALLEL_TOLERANCE * max(1.0, abs(along)):
+            return False
+    return True

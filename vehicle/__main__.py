@@ -1,0 +1,84 @@
+"""A vehicle process: `python -m vehicle MISSION.toml --id K --run RUN_DIR [--connect ENDPOINT] [--fleet NAME]`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from missions import topics
+from missions.bus import DEFAULT_ENDPOINT, Bus
+from missions.clock import SimClock, vehicle_name
+from missions.errors import LinkError, UserError
+from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.run_folder import RunFolder
+from missions.topics import Topic
+from vehicle.vehicle import Vehicle
+
+OWN: tuple[Topic[Any], ...] = (topics.MAVLINK_DOWN, topics.PLAN_HASH, topics.PICTURE_ACK, topics.SENSOR_PICTURE,
+                               topics.RANGE_SCAN)
+SHARED: tuple[Topic[Any], ...] = (topics.MAP_SNAPSHOT, topics.VEHICLE_STATE, topics.ANNOUNCED)
+log = logging.getLogger("vehicle")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Fly until the clock says stop or the bridge is gone. Returns the exit code."""
+    args = _parser().parse_args(argv)
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    signal.signal(signal.SIGTERM, _leave)
+    folder, name = RunFolder(args.run), vehicle_name(args.id)
+    try:
+        mission = without_scene(load_mission(find_mission(args.mission)))
+        if not 1 <= args.id <= mission.fleet.vehicles:
+            raise UserError(f"--id {args.id}: this mission has vehicles 1 to {mission.fleet.vehicles}; give one.")
+        with Bus(name, args.fleet, connect=args.connect) as bus:
+            _fly(bus, mission, args.id, folder)
+    except UserError as e:
+        log.error("%s", e)
+        return 2
+    except LinkError as e:
+        log.warning("%s", e)
+    except _Leave:
+        log.info("%s: told to leave", name)
+    finally:
+        folder.write_process_record(name)
+    return 0
+
+
+def _fly(bus: Bus, mission: Mission, vehicle_id: int, folder: RunFolder) -> None:
+    for topic in OWN:
+        bus.subscribe(topic, vehicle_id)
+    for topic in SHARED:
+        bus.subscribe(topic)
+    clock = SimClock(bus, mission.mission_hash)
+    vehicle = Vehicle(mission, clock.join(), vehicle_id, folder.sd_card(vehicle_id))
+    while not (turn := clock.next()).stop:
+        for topic, message, who in vehicle.step(turn.t_ns, turn.deliveries, turn.participants):
+            bus.publish(topic, message, who)
+        clock.done(vehicle.wake_ns)
+
+
+class _Leave(Exception):  # noqa: N818 - a request, not an error
+    pass
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    raise _Leave
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vehicle", description="One simulated drone.")
+    parser.add_argument("mission", help="mission file, or the name of one in missions/")
+    parser.add_argument("--id", type=int, required=True, help="1 to fleet.vehicles")
+    parser.add_argument("--run", type=Path, required=True, help="run folder")
+    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, help="where sim_bridge listens")
+    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

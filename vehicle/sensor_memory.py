@@ -1,0 +1,165 @@
+"""What the vehicle knows of space: the ground's map, what its own range sensor swept free, and what it hit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from missions.frames import Array
+from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from missions.messages import RangeScan
+from missions.sensors import RANGE_DIRECTIONS
+from planning.paths import VoxelField
+
+HIT_CELL_M = 0.25
+HIT_RADIUS_M = 0.2
+"""A hit stands for the surface around it, which the rays beside it missed."""
+HIT_MEMORY_NS = 120_000_000_000
+FORGET_EVERY_NS = 10_000_000_000
+GROUND_BAND_M = 0.3
+"""Hits this low are the ground, which is known: it is the floor of the fence."""
+CROP_MARGIN_M = 1.5
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _sweep(position: Array, directions: Array, ranges: Array, reach: float, origin: Array, voxel: float,
+           swept: NDArray[np.bool_]) -> None:
+    """Mark the voxels that the rays passed, up to one voxel before what they hit."""
+    nx, ny, nz = swept.shape
+    step = 0.5 * voxel
+    for m in range(directions.shape[0]):
+        far = min(ranges[m] - voxel, reach)
+        t = 0.0
+        while t <= far:
+            i = math.floor((position[0] + t * directions[m, 0] - origin[0]) / voxel)
+            j = math.floor((position[1] + t * directions[m, 1] - origin[1]) / voxel)
+            k = math.floor((position[2] + t * directions[m, 2] - origin[2]) / voxel)
+            if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
+                swept[i, j, k] = True
+            t += step
+
+
+class SensorMemory:
+    """A grid over the geofence: map states, voxels swept free, and hits with the time of the last one.
+
+    `map_version` and `hit_version` change whenever map or hits do.
+    """
+
+    def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float, reach_m: float,
+                 columns: list[tuple[Array, Array]]) -> None:
+        """columns: boxes (lower, upper) known to be free from the start."""
+        self._lower, self._upper, self._reach, self._columns = lower_enu_m, upper_enu_m, reach_m, columns
+        self.map_version = self.hit_version = 0
+        self._row_of: dict[tuple[int, ...], int] = {}
+        self._points: Array = np.zeros((0, 3))
+        self._seen_ns: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._forget_ns = 0
+        self._grid = VoxelGrid.unknown(lower_enu_m, upper_enu_m, voxel_m)
+        self._swept: NDArray[np.bool_] = self._columns_swept()
+
+    def put_map(self, grid: VoxelGrid) -> None:
+        """Take over the ground's newest map; the fence outside it stays unknown."""
+        if grid.voxel_m != self._grid.voxel_m or not self._aligned(grid):
+            self._grid = self._covering(grid)
+            self._swept = self._columns_swept()
+        state = np.full(self._grid.state.shape, UNKNOWN, dtype=np.uint8)
+        first = np.round((grid.origin_enu_m - self._grid.origin_enu_m) / grid.voxel_m).astype(int)
+        last = first + grid.state.shape
+        lo, hi = np.maximum(first, 0), np.minimum(last, state.shape)
+        if np.all(hi > lo):
+            there = tuple(slice(a, b) for a, b in zip(lo, hi, strict=True))
+            here = tuple(slice(a - f, b - f) for a, b, f in zip(lo, hi, first, strict=True))
+            state[there] = grid.state[here]
+        self._grid = VoxelGrid(self._grid.origin_enu_m, grid.voxel_m, state)
+        self.map_version += 1
+
+    def put_scan(self, scan: RangeScan, teammates_enu_m: Array, near_teammate_m: float) -> None:
+        """Remember a scan. Echoes from teammates (m, 3) are not obstacles: teammates tell where they are."""
+        position, ranges = np.array(scan.position_enu_m), np.array(scan.ranges_m)
+        grid = self._grid
+        _sweep(position, RANGE_DIRECTIONS, ranges, self._reach, grid.origin_enu_m, grid.voxel_m, self._swept)
+        echo = np.isfinite(ranges) & (ranges <= self._reach)
+        hits = position + RANGE_DIRECTIONS[echo] * ranges[echo, None]
+        keep = hits[:, 2] > self._lower[2] + GROUND_BAND_M
+        for teammate in teammates_enu_m:
+            keep &= np.linalg.norm(hits - teammate, axis=1) > near_teammate_m
+        self._remember(hits[keep], scan.t_ns)
+
+    def field(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> VoxelField:
+        """The obstacles in the box around a and b, grown by margin_m and some more; everything outside is solid."""
+        grown = margin_m + CROP_MARGIN_M
+        lower, upper = np.minimum(a_enu_m, b_enu_m) - grown, np.maximum(a_enu_m, b_enu_m) + grown
+        grid, shape = self._grid, np.array(self._grid.state.shape)
+        lo = np.clip(grid.index(lower), 0, shape - 1)
+        hi = np.clip(grid.index(upper) + 1, lo + 1, shape)
+        crop = tuple(slice(p, q) for p, q in zip(lo, hi, strict=True))
+        state = np.where(self._swept[crop] & (grid.state[crop] == UNKNOWN), FREE, grid.state[crop]).astype(np.uint8)
+        part = VoxelGrid(grid.origin_enu_m + lo * grid.voxel_m, grid.voxel_m, state)
+        near = np.all((self._points >= lower) & (self._points <= upper), axis=1)
+        return VoxelField.from_grid(part).with_spheres(self._points[near], HIT_RADIUS_M)
+
+    def hits_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> bool:
+        """Whether a segment keeps this distance from everything the sensor has hit, whatever the map says."""
+        if not len(self._points):
+            return True
+        span = b_enu_m - a_enu_m
+        f = np.clip((self._points - a_enu_m) @ span / max(float(span @ span), 1e-12), 0.0, 1.0)
+        gap = np.linalg.norm(a_enu_m + f[:, None] * span - self._points, axis=1)
+        return bool(gap.min() >= clearance_m)
+
+    @property
+    def hits_enu_m(self) -> Array:
+        """(m, 3) what the range sensor has hit, one point per cell."""
+        return self._points
+
+    @property
+    def occupied_voxels(self) -> int:
+        """How many voxels the map calls occupied."""
+        return int(np.count_nonzero(self._grid.state == OCCUPIED))
+
+    def _remember(self, hits: Array, t_ns: int) -> None:
+        cells = [tuple(c) for c in np.floor(hits / HIT_CELL_M).astype(int).tolist()]
+        fresh: list[int] = []
+        for n, cell in enumerate(cells):
+            row = self._row_of.get(cell)
+            if row is None:
+                self._row_of[cell] = len(self._points) + len(fresh)
+                fresh.append(n)
+            elif row < len(self._seen_ns):
+                self._seen_ns[row] = t_ns
+        if fresh:
+            self._points = np.concatenate([self._points, hits[fresh]])
+            self._seen_ns = np.concatenate([self._seen_ns, np.full(len(fresh), t_ns, dtype=np.int64)])
+            self.hit_version += 1
+        if t_ns >= self._forget_ns:
+            self._forget(t_ns)
+
+    def _forget(self, t_ns: int) -> None:
+        keep = self._seen_ns >= t_ns - HIT_MEMORY_NS
+        if not keep.all():
+            new_row = np.cumsum(keep) - 1
+            self._row_of = {c: int(new_row[r]) for c, r in self._row_of.items() if keep[r]}
+            self._points, self._seen_ns = self._points[keep], self._seen_ns[keep]
+            self.hit_version += 1
+        self._forget_ns = t_ns + FORGET_EVERY_NS
+
+    def _columns_swept(self) -> NDArray[np.bool_]:
+        grid = self._grid
+        swept = np.zeros(grid.state.shape, dtype=np.bool_)
+        for lower, upper in self._columns:
+            lo = np.clip(np.ceil((lower - grid.origin_enu_m) / grid.voxel_m - 1e-6).astype(int), 0, swept.shape)
+            hi = np.clip(np.floor((upper - grid.origin_enu_m) / grid.voxel_m + 1e-6).astype(int), 0, swept.shape)
+            swept[lo[0]:hi[0], lo[1]:hi[1], lo[2]:hi[2]] = True
+        return swept
+
+    def _aligned(self, grid: VoxelGrid) -> bool:
+        offset = (grid.origin_enu_m - self._grid.origin_enu_m) / grid.voxel_m
+        return bool(np.abs(offset - np.round(offset)).max() < 1e-6)
+
+    def _covering(self, grid: VoxelGrid) -> VoxelGrid:
+        """An unknown grid over the fence in the lattice of this one."""
+        before = np.ceil((grid.origin_enu_m - self._lower) / grid.voxel_m - 1e-6)
+        return VoxelGrid.unknown(grid.origin_enu_m - before * grid.voxel_m, self._upper, grid.voxel_m)
