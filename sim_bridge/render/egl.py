@@ -14,7 +14,7 @@ from missions.camera import Camera, Pose
 from missions.mission import CameraSpec, RenderSpec
 from sim_bridge.render import shaders
 from sim_bridge.render.geometry import Box, Geometry, boxes_geometry, geometry_of
-from sim_bridge.render.light import GRAIN_PERIODS_M, Bytes, make_light
+from sim_bridge.render.light import GRAIN_PERIODS_M, Bytes, land_irradiance, make_light
 from sim_bridge.render.sensor import SensorNoise
 from sim_bridge.render.shadow import fit_shadow
 from sim_bridge.scenes.scene import Scene
@@ -57,6 +57,7 @@ class EglRenderer:
     def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
         """Raises EglUnavailableError."""
         self._context = _make_context()
+        self._ground_up_m = scene.ground_up_m
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
         self._light = make_light(spec, seed)
         self._shadow_frame = fit_shadow(scene, self._light.to_sun_enu)
@@ -125,7 +126,8 @@ class EglRenderer:
         dome.repeat_x = dome.repeat_y = False
         dome.use(SKY_UNIT)
         sky_program = c.program(shaders.SKY_VERTEX, shaders.sky_fragment())
-        sky_program["sky"].value = SKY_UNIT
+        sky_program["sky"].value, sky_program["grain"].value = SKY_UNIT, GRAIN_UNIT
+        sky_program["land_irradiance"].value = tuple(land_irradiance(self._light.to_sun_enu))
         self._sky_program, self._sky = sky_program, c.vertex_array(sky_program, [])
         average_program = c.program(shaders.AVERAGE_VERTEX, shaders.AVERAGE_FRAGMENT)
         average_program["picture"].value = PICTURE_UNIT
@@ -183,6 +185,8 @@ class EglRenderer:
             program["clip_from_enu"].write(_gl(clip_from_enu))
             program["eye_enu_m"].value = pose.position_enu_m
         enu_from_clip = pose.enu_from_camera @ np.linalg.inv(clip_from_camera[[0, 1, 3], :3])
+        east, north, up = pose.position_enu_m
+        self._sky_program["eye_above_ground_m"].value = (east, north, up - self._ground_up_m)
         self._sky_program["enu_from_clip"].write(_gl(enu_from_clip))
 
     def _target(self, width: int, height: int) -> _Target:

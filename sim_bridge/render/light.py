@@ -25,13 +25,18 @@ GRAIN_LUMA, GRAIN_HUE, GRAIN_FLOOR = 4.0, (1.3, 0.2, -1.5), 0.12
 """Gain of the first channel on brightness and of the second on colour; albedo keeps at least the floor's share."""
 
 SKY_SIZE = 1024
-SKY_LOWEST = -0.2
-"""The sky map reaches down to this sine of elevation; below lies GROUND_HAZE."""
-GROUND_HAZE = (0.42, 0.43, 0.38)
+SKY_LOWEST = -0.05
+"""The sky map reaches down to this sine of elevation, so that it can be interpolated at the horizon."""
+LAND_COLOR = (0.40, 0.43, 0.27)
+LAND_PERIODS_M = (53.0, 610.0)
+LAND_GRAIN = (0.9, 2.6)
+"""The plain between the scene's own ground and the horizon: display colour, sizes and strengths of its pattern."""
+HAZE_M = 900.0
+"""Distance at which haze leaves 1/e of the plain's own colour; the scene itself is near and has none."""
 
-SUN_COLOR = (1.02, 0.96, 0.86)
-SKY_AMBIENT = (0.30, 0.35, 0.43)
-GROUND_AMBIENT = (0.15, 0.14, 0.12)
+SUN_COLOR = (1.15, 1.08, 0.96)
+SKY_AMBIENT = (0.34, 0.39, 0.48)
+GROUND_AMBIENT = (0.17, 0.16, 0.135)
 AMBIENT_TURN = 0.25
 """Ambient light varies by this share with the angle to the sun, so that shaded surfaces keep their relief."""
 
@@ -97,8 +102,6 @@ def _sky(to_sun: NDArray[np.float64], rng: np.random.Generator) -> Bytes:
     color = color + np.array([0.30, 0.27, 0.20]) * (cosine**12 + 0.8 * cosine**200)[..., None]
     cloud = _clouds(direction, rng)[..., None]
     color = color * (1 - cloud) + np.array([0.96, 0.96, 0.97]) * cloud
-    ground = np.clip((0.0 - up) / 0.02, 0, 1)[..., None]
-    color = color * (1 - ground) + np.array(GROUND_HAZE) * ground
     return np.asarray(np.clip(color * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 
@@ -119,6 +122,12 @@ def _clouds(direction: NDArray[np.float64], rng: np.random.Generator) -> Floats:
     sampled = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     fade = np.clip(direction[..., 2] / 0.12, 0, 1)
     return np.asarray(np.clip((sampled - 0.25) * 0.9, 0, 0.9) * fade, dtype=np.float32)
+
+
+def land_irradiance(to_sun: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) light on unshaded level ground."""
+    up = float(to_sun[2])
+    return np.array(SUN_COLOR) * up + np.array(SKY_AMBIENT) * (1 - AMBIENT_TURN * up)
 
 
 def sky_map_scale() -> float:

@@ -46,6 +46,7 @@ class RaycastRenderer:
     """Renderer of one scene; see renderer.Renderer."""
 
     def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
+        self._ground_up_m = scene.ground_up_m
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
         self._light = make_light(spec, seed)
         self._grain = Volume(self._light.grain)
@@ -89,7 +90,7 @@ class RaycastRenderer:
         face = world.caster.intersects_first(np.broadcast_to(eye, rays_enu.shape), rays_enu)
         color = np.empty((len(rays_enu), 3), np.float32)
         missed, hit = np.flatnonzero(face < 0), np.flatnonzero(face >= 0)
-        color[missed] = sample_dome(self._light.sky, rays_enu[missed])
+        color[missed] = self._background(rays_enu[missed], eye, focal_px)
         face, ray = face[hit], rays_enu[hit]
         normal = world.normal[face]
         slope = np.einsum("ij,ij->i", ray, normal)
@@ -100,6 +101,24 @@ class RaycastRenderer:
         footprint_m = depth / focal_px * np.sqrt(np.linalg.norm(ray, axis=1) / slope)
         albedo = self._albedo(face, point, footprint_m)
         color[hit] = np.sqrt(albedo * self._irradiance(point, normal))
+        return color
+
+    def _background(self, rays_enu: NDArray[np.float64], eye: NDArray[np.float64], focal_px: float) -> Floats:
+        """(n, 3) display colours of the sky and of the plain under it."""
+        direction = rays_enu / np.linalg.norm(rays_enu, axis=1, keepdims=True)
+        color = sample_dome(self._light.sky, direction)
+        down = np.flatnonzero(direction[:, 2] < 0)
+        falling = np.maximum(-direction[down, 2], 1e-5)
+        range_m = max(eye[2] - self._ground_up_m, 0.1) / falling
+        land_m = np.column_stack([eye[:2] + direction[down, :2] * range_m[:, None], np.zeros(len(down))])
+        stain = np.zeros((len(down), 2), np.float32)
+        for weight, period_m, layer in zip(look.LAND_GRAIN, look.LAND_PERIODS_M, (0.37, 0.11), strict=True):
+            grain = self._grain.sample(land_m / period_m + [0, 0, layer], range_m / falling / focal_px / period_m)
+            stain += np.float32(weight) * (grain - 0.5)
+        pattern = np.maximum(1 + stain[:, :1] + 0.4 * stain[:, 1:] * look.GRAIN_HUE, look.GRAIN_FLOOR)
+        lit = np.sqrt(np.array(look.LAND_COLOR) ** 2 * pattern * look.land_irradiance(self._light.to_sun_enu))
+        near = np.exp(-range_m / look.HAZE_M)[:, None]
+        color[down] = color[down] * (1 - near) + lit * near
         return color
 
     def _albedo(self, face: NDArray[np.int64], point: NDArray[np.float64], footprint_m: NDArray[np.float64]) -> Floats:

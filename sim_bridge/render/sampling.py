@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.render.light import GROUND_HAZE, SKY_LOWEST, Bytes, Floats, sky_map_scale
+from sim_bridge.render.light import Bytes, Floats, sky_map_scale
 
 
 class Pyramid:
@@ -55,11 +55,11 @@ class Volume:
 
 
 def sample_dome(sky: Bytes, direction_enu: NDArray[np.float64]) -> Floats:
-    """(n, 3) sky colours 0-1 seen along directions (n, 3) of any length."""
-    d = direction_enu / np.linalg.norm(direction_enu, axis=1, keepdims=True)
-    at = d[:, :2] * (sky_map_scale() / np.sqrt(np.maximum(1 + d[:, 2:], 0.1)))
-    color = _sample_repeating(sky, 0.5 + 0.5 * at[:, ::-1]) * np.float32(1 / 255)
-    return np.where(d[:, 2:] < SKY_LOWEST, np.array(GROUND_HAZE, np.float32), color)
+    """(n, 3) sky colours 0-1 seen along unit directions (n, 3); below the horizon, the colour above it."""
+    up = np.maximum(direction_enu[:, 2:], 0)
+    level = direction_enu[:, :2] / np.maximum(np.linalg.norm(direction_enu[:, :2], axis=1, keepdims=True), 1e-12)
+    at = level * (np.sqrt(1 - up**2) * sky_map_scale() / np.sqrt(1 + up))
+    return _sample_repeating(sky, 0.5 + 0.5 * at[:, ::-1]) * np.float32(1 / 255)
 
 
 def _nearest_level(footprint_texels: NDArray[np.floating], levels: int) -> NDArray[np.intp]:

@@ -70,11 +70,24 @@ _SKY_FRAGMENT = """
 #version 330 core
 in vec3 direction;
 uniform sampler2D sky;
+uniform sampler3D grain;
+uniform vec3 eye_above_ground_m;
+uniform vec3 land_irradiance;
 out vec4 out_color;
 void main() {
     vec3 d = normalize(direction);
-    vec2 at = 0.5 + 0.5 * SKY_SCALE * d.xy * inversesqrt(max(1.0 + d.z, 0.1));
-    out_color = vec4(d.z < SKY_LOWEST ? GROUND_HAZE : textureLod(sky, at, 0.0).rgb, 1.0);
+    float up = max(d.z, 0.0);
+    vec2 at = 0.5 + 0.5 * SKY_SCALE * normalize(d.xy) * sqrt(1.0 - up * up) * inversesqrt(1.0 + up);
+    vec3 color = textureLod(sky, at, 0.0).rgb;
+    if (d.z < 0.0) {
+        float range_m = max(eye_above_ground_m.z, 0.1) / max(-d.z, 1e-5);
+        vec2 land_m = eye_above_ground_m.xy + d.xy * range_m;
+        vec2 stain = LAND_GRAIN_0 * (texture(grain, vec3(land_m / LAND_PERIOD_0, 0.37)).rg - 0.5)
+                   + LAND_GRAIN_1 * (texture(grain, vec3(land_m / LAND_PERIOD_1, 0.11)).rg - 0.5);
+        vec3 albedo = LAND_COLOR * LAND_COLOR * max(1.0 + stain.x + 0.4 * stain.y * GRAIN_HUE, GRAIN_FLOOR);
+        color = mix(color, sqrt(albedo * land_irradiance), exp(-range_m / HAZE_M));
+    }
+    out_color = vec4(color, 1.0);
 }
 """
 
@@ -123,10 +136,12 @@ def sky_fragment() -> str:
 def _with_constants(source: str) -> str:
     constants = {
         "GROUND_AMBIENT": _vec3(light.GROUND_AMBIENT), "SKY_AMBIENT": _vec3(light.SKY_AMBIENT),
-        "SUN_COLOR": _vec3(light.SUN_COLOR), "GROUND_HAZE": _vec3(light.GROUND_HAZE),
-        "SKY_SCALE": f"{light.sky_map_scale():.8f}", "SKY_LOWEST": f"({light.SKY_LOWEST:.8f})",
+        "SUN_COLOR": _vec3(light.SUN_COLOR), "LAND_COLOR": _vec3(light.LAND_COLOR),
+        "SKY_SCALE": f"{light.sky_map_scale():.8f}", "HAZE_M": f"{light.HAZE_M:.3f}",
         "GRAIN_HUE": _vec3(light.GRAIN_HUE), "GRAIN_LUMA": f"{light.GRAIN_LUMA:.6f}",
         "GRAIN_FLOOR": f"{light.GRAIN_FLOOR:.6f}", "AMBIENT_TURN": f"{light.AMBIENT_TURN:.6f}",
+        **{f"LAND_PERIOD_{i}": f"{m:.3f}" for i, m in enumerate(light.LAND_PERIODS_M)},
+        **{f"LAND_GRAIN_{i}": f"{g:.6f}" for i, g in enumerate(light.LAND_GRAIN)},
         **{f"WEIGHT_{i}": f"{w:.6f}" for i, w in enumerate(light.GRAIN_WEIGHTS)},
     }
     for name, value in constants.items():
