@@ -50,7 +50,7 @@ class Assets(Resolver):  # type: ignore[misc]
 
     def _probe(self, name: str, content: bytes) -> None:
         try:
-            PIL.Image.open(io.BytesIO(content)).load()
+            PIL.Image.open(io.BytesIO(content)).verify()
         except (OSError, ValueError, SyntaxError):
             self.unreadable.append(name)
             raise

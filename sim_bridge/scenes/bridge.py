@@ -95,10 +95,11 @@ def _haunches(x: float) -> list[Solid]:
     solids = []
     for s in SIDES:
         wall, tip = s * LEG_INNER_Y, s * (LEG_INNER_Y - reach)
-        slope = [(x - half, wall, top - reach), (x + half, wall, top - reach), (x + half, tip, top), (x - half, tip, top)]
+        low = top - reach
+        slope = [(x - half, wall, low), (x + half, wall, low), (x + half, tip, top), (x - half, tip, top)]
         solids.append(quads([slope[::int(-s)]]))
         for e in SIDES:
-            cheek = np.array([(x + e * half, wall, top - reach), (x + e * half, wall, top), (x + e * half, tip, top)])
+            cheek = np.array([(x + e * half, wall, low), (x + e * half, wall, top), (x + e * half, tip, top)])
             solids.append(planar_mapped(cheek, np.array([[0, 1, 2][::int(e * s)]], np.int32)))
     return solids
 
@@ -168,8 +169,9 @@ def cable_height_m(x: float | Array) -> Array:
 
 def _cables() -> list[Solid]:
     solids = []
-    spans = (np.linspace(-TOWER_X + LEG_HALF_X, TOWER_X - LEG_HALF_X, 65),
-             np.linspace(TOWER_X + LEG_HALF_X, ANCHOR_X - 0.4, 25), np.linspace(-ANCHOR_X + 0.4, -TOWER_X - LEG_HALF_X, 25))
+    near, far = TOWER_X - LEG_HALF_X, TOWER_X + LEG_HALF_X
+    side = np.linspace(far, ANCHOR_X - 0.4, 25)
+    spans = (np.linspace(-near, near, 65), side, -side[::-1])
     hung = [float(x) for x in FLOOR_BEAM_X if abs(abs(x) - TOWER_X) > 1.5 and cable_height_m(float(x)) > 10.0]
     for y in (-CABLE_Y, CABLE_Y):
         for xs in spans:
@@ -177,7 +179,7 @@ def _cables() -> list[Solid]:
         for x in hung:
             z = float(cable_height_m(x))
             solids.append(tube([(x, y, SOFFIT), (x, y, z)], 0.035, 6))
-            near = np.array([x - 0.14, x, x + 0.14])
-            band = np.stack([near, np.full_like(near, y), cable_height_m(near)], axis=1)
+            clamp = np.array([x - 0.14, x, x + 0.14])
+            band = np.stack([clamp, np.full_like(clamp, y), cable_height_m(clamp)], axis=1)
             solids.append(tube(band, CABLE_RADIUS + 0.05, 12, capped=True))
     return solids

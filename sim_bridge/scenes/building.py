@@ -108,10 +108,12 @@ def _recess(made: Materials, face: Face, opening: Rectangle) -> None:
     u0, v0, u1, v1 = opening
     made.stone.append(quads(face.place(_reveals(opening, REVEAL_M))))
     um, vm = (u0 + u1) / 2, v0 + 0.62 * (v1 - v0)
-    bars = [(um - 0.05, v0, um + 0.05, v1), (u0, vm - 0.05, um - 0.05, vm + 0.05), (um + 0.05, vm - 0.05, u1, vm + 0.05),
-            (u0, v0, u0 + 0.08, v1), (u1 - 0.08, v0, u1, v1)]
+    post, edge = 0.05, 0.08
+    bars = {(um - post, v0, um + post, v1): "-y +y -z", (u0, v0, u0 + edge, v1): "-x -y +y -z",
+            (u1 - edge, v0, u1, v1): "+x -y +y -z", (u0 + edge, vm - post, um - post, vm + post): "-x +x -z",
+            (um + post, vm - post, u1 - edge, vm + post): "-x +x -z"}
     made.glass.append(quads(face.place(_at_depth(cells((u0, v0), (u1, v1), bars), -REVEAL_M))))
-    made.frame += [_local_box(face, bar, -REVEAL_M, -REVEAL_M + 0.07, "-z") for bar in bars]
+    made.frame += [_local_box(face, bar, -REVEAL_M, -REVEAL_M + 0.07, omit) for bar, omit in bars.items()]
 
 
 def _reveals(opening: Rectangle, depth: float) -> list[list[tuple[float, float, float]]]:

@@ -1,4 +1,4 @@
-"""Writing a scene in the layout of the thesis's Figure 4.2: NAME/NAME.obj, .mtl, textures, bbox/NAME_bbox_bounds.obj."""
+"""Writing a scene in the layout of the thesis's Figure 4.2: NAME.obj, NAME.mtl, textures, bbox/NAME_bbox_bounds.obj."""
 
 from __future__ import annotations
 
@@ -80,10 +80,10 @@ def _materials(parts: list[Part], pictures: list[str]) -> str:
 def _geometry(parts: list[Part], names: list[str], name: str) -> str:
     lines = [f"mtllib {name}.mtl"]
     for part in parts:
-        lines += ["v %.9f %.9f %.9f" % tuple(v) for v in part.vertices_enu_m.tolist()]
+        lines += ["v {:.9f} {:.9f} {:.9f}".format(*v) for v in part.vertices_enu_m.tolist()]
     for part in parts:
         if part.uv is not None:
-            lines += ["vt %.9g %.9g" % tuple(t) for t in part.uv.tolist()]
+            lines += ["vt {:.9g} {:.9g}".format(*t) for t in part.uv.tolist()]
     v, vt = 1, 1
     for i, (part, label) in enumerate(zip(parts, names, strict=True)):
         lines += [f"o {label}", f"usemtl material_{i}", *_face_lines(part.faces, v, vt, part.uv is not None)]
@@ -94,12 +94,12 @@ def _geometry(parts: list[Part], names: list[str], name: str) -> str:
 
 def _face_lines(faces: NDArray[np.int32], v: int, vt: int, mapped: bool) -> list[str]:
     if not mapped:
-        return ["f %d %d %d" % tuple(f) for f in (faces + v).tolist()]
+        return ["f {} {} {}".format(*f) for f in (faces + v).tolist()]
     both = np.stack([faces + v, faces + vt], axis=2).reshape(-1, 6)
-    return ["f %d/%d %d/%d %d/%d" % tuple(f) for f in both.tolist()]
+    return ["f {}/{} {}/{} {}/{}".format(*f) for f in both.tolist()]
 
 
 def _bounds(scene: Scene) -> str:
     solid = box(scene.object_min_enu_m, scene.object_max_enu_m)
-    lines = ["o bounds", *("v %.9f %.9f %.9f" % tuple(v) for v in solid.vertices_m.tolist())]
+    lines = ["o bounds", *("v {:.9f} {:.9f} {:.9f}".format(*v) for v in solid.vertices_m.tolist())]
     return "\n".join([*lines, *_face_lines(solid.faces, 1, 1, mapped=False)]) + "\n"

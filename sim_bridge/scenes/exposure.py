@@ -17,6 +17,10 @@ from sim_bridge.scenes.scene import Faces, Scene, Vertices
 
 DIRECTIONS = 60
 REACH_M = 60.0
+WITNESS_DIRECTIONS, WITNESS_LINES = 32, 5
+"""Directions in which an unopen sample looks for an open point, and the free lines that make such a point well open."""
+WITNESS_NEAR_M, WITNESS_FAR_M = 1.3, 16.0
+"""An open point lies at three quarters of the free length, of which at most WITNESS_FAR_M count."""
 LIFT_M = 0.004
 """Rays start this far off the face: less than the thinnest member, more than Embree's single precision."""
 
@@ -25,31 +29,36 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Samples of a surface: points_enu_m (n, 3) and normals (n, 3), unit, towards the open side."""
+    """Samples of a surface: points_enu_m (n, 3), unit normals (n, 3) towards the open side, and each sample's row (n,)
+    in the faces of Scene.object_mesh()."""
 
     points_enu_m: Array
     normals: Array
+    faces: NDArray[np.intp]
 
 
 def exposed_surface(scene: Scene, samples: int, seed: int = 0) -> Surface:
     """Samples, uniform by area, of the object's faces that can be seen from outside at all.
 
-    A sample is exposed on a side if, of 60 directions over the sphere, one free line leads from just off that side 60 m
-    away past the whole scene, ground included. The same arguments give the same samples. Raises UserError where
-    hardly anything is exposed.
+    A point is open if, of 60 directions over the sphere, a free line leads 60 m away from it past the whole scene,
+    ground included. A sample is exposed on a side if it is open just off that side, or sees a well open point 1-12 m
+    away: the soffit of a bridge sees only ground, but a camera under it sees the soffit. The inside of a closed hall
+    is not exposed. The same arguments give the same samples. Raises UserError where hardly anything is exposed.
     """
     vertices, faces = scene.object_mesh()
     everything = embree_scene(*scene.mesh())
     rng = np.random.default_rng([seed, 0x5EE])
     found: list[Surface] = []
-    count = 0
-    for _ in range(40):
-        batch = _uniform_samples(rng, vertices, faces, max(samples - count, 256))
+    count, tried = 0, 0
+    for _ in range(8):
+        share = max(count / tried, 0.02) if tried else 1.0
+        batch = _uniform_samples(rng, vertices, faces, max(int((samples - count) / share), 256))
         found.append(_exposed(everything, batch, scene.ground_up_m))
-        count += len(found[-1].points_enu_m)
+        count, tried = count + len(found[-1].points_enu_m), tried + len(batch.points_enu_m)
         if count >= samples:
             return Surface(np.concatenate([s.points_enu_m for s in found])[:samples],
-                           np.concatenate([s.normals for s in found])[:samples])
+                           np.concatenate([s.normals for s in found])[:samples],
+                           np.concatenate([s.faces for s in found])[:samples])
     raise UserError(f"{scene.name}: next to nothing of the object can be seen from outside; check that its box holds "
                     "the object and not its interior, and that site.ground_up_m is not above it.")
 
@@ -79,29 +88,51 @@ def _uniform_samples(rng: np.random.Generator, vertices: Vertices, faces: Faces,
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
     points = np.einsum("nk,nkj->nj", weights, vertices[faces[face]])
-    return Surface(points, normal[face] / area2[face][:, None])
+    return Surface(points, normal[face] / area2[face][:, None], face)
 
 
 def _exposed(everything: EmbreeScene, batch: Surface, ground_up_m: float) -> Surface:
-    above = batch.points_enu_m[:, 2] > ground_up_m
+    above = np.flatnonzero(batch.points_enu_m[:, 2] > ground_up_m)
     points, normals = batch.points_enu_m[above], batch.normals[above]
-    front, back = (_escapes(everything, points, side * normals, ground_up_m) for side in (1.0, -1.0))
-    outward = np.where(front[:, None], normals, -normals)
-    seen = front | back
-    return Surface(points[seen], outward[seen])
+    seen = _visible(everything, points + LIFT_M * normals, normals, ground_up_m)
+    unseen = np.flatnonzero(~seen)
+    normals[unseen] *= -1.0
+    seen[unseen] = _visible(everything, points[unseen] + LIFT_M * normals[unseen], normals[unseen], ground_up_m)
+    return Surface(points[seen], normals[seen], batch.faces[above[seen]])
 
 
-def _escapes(everything: EmbreeScene, points: Array, normals: Array, ground_up_m: float) -> NDArray[np.bool_]:
-    """Which samples (n,) have a free line on the side that their normals (n, 3) point to."""
-    origins = points + LIFT_M * normals
-    free = np.zeros(len(points), dtype=bool)
+def _visible(everything: EmbreeScene, origins: Array, normals: Array, ground_up_m: float) -> NDArray[np.bool_]:
+    """Which points (n, 3) are open themselves, or see an open point on the side that their normals (n, 3) show."""
+    seen = _free_lines(everything, origins, normals, ground_up_m) > 0
+    for direction in sphere_directions(WITNESS_DIRECTIONS):
+        todo = np.flatnonzero(~seen & (normals @ direction > 0.1))
+        reach = np.minimum(_distances(everything, origins[todo], direction), WITNESS_FAR_M)
+        far = reach > WITNESS_NEAR_M
+        todo, witness = todo[far], (origins[todo] + 0.75 * reach[:, None] * direction)[far]
+        todo, witness = todo[witness[:, 2] > ground_up_m], witness[witness[:, 2] > ground_up_m]
+        seen[todo] = _free_lines(everything, witness, None, ground_up_m) >= WITNESS_LINES
+    return seen
+
+
+def _free_lines(everything: EmbreeScene, origins: Array, normals: Array | None,
+                ground_up_m: float) -> NDArray[np.int64]:
+    """How many of the directions lead freely 60 m away from each origin (n, 3).
+
+    With normals (n, 3) only directions to that side are tried, and each origin's first free line ends its search.
+    """
+    count = np.zeros(len(origins), dtype=np.int64)
     for direction in sphere_directions(DIRECTIONS):
-        towards = normals @ direction > 0.05
+        wanted = np.ones(len(origins), dtype=bool) if normals is None else (normals @ direction > 0.05) & (count == 0)
         if direction[2] < 0:
-            towards &= (origins[:, 2] - ground_up_m) / -direction[2] > REACH_M
-        todo = np.flatnonzero(towards & ~free)
-        if len(todo):
-            rays = np.broadcast_to(direction, (len(todo), 3)).astype(np.float32)
-            distance = everything.run(origins[todo].astype(np.float32), rays, query="DISTANCE")
-            free[todo] = distance > REACH_M
-    return free
+            wanted &= (origins[:, 2] - ground_up_m) / -direction[2] > REACH_M
+        todo = np.flatnonzero(wanted)
+        count[todo] += _distances(everything, origins[todo], direction) > REACH_M
+    return count
+
+
+def _distances(everything: EmbreeScene, origins: Array, direction: Array) -> Array:
+    """Free length (n,) of rays from origins (n, 3) in one direction; very large where nothing is hit."""
+    if not len(origins):
+        return np.zeros(0)
+    rays = np.broadcast_to(direction, origins.shape).astype(np.float32)
+    return np.asarray(everything.run(origins.astype(np.float32), rays, query="DISTANCE"), dtype=np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +48,7 @@ class Field:
         self.values[block] = np.minimum(a, b) - np.float32(0.25 * melt_m) * h * h
 
 
-def round_cone(start: Sequence[float], end: Sequence[float], radii: tuple[float, float],
+def round_cone(start: ArrayLike, end: ArrayLike, radii: tuple[float, float],
                flatten_y: float = 1.0) -> Limb:
     """A limb between two points with a radius at each, thinner along y by flatten_y; with its box.
 

@@ -53,8 +53,8 @@ def import_parts(path: Path, units_per_metre: float) -> Imported:
             if len(part.faces):
                 parts.append(part)
     if not parts:
-        raise UserError(f"{file}: has no usable triangle (after repairs: {'; '.join(repairs.notes()) or 'none found'}); "
-                        "export the scene as a triangle mesh.")
+        found = "; ".join(repairs.notes()) or "it is empty"
+        raise UserError(f"{file}: has no usable triangle ({found}); export the scene as a triangle mesh.")
     bare = sum(p.procedural for p in parts)
     notes = [*repairs.notes(), *assets.notes(), *pictures.notes()]
     if bare:
@@ -129,8 +129,8 @@ def _part(name: str, mesh: trimesh.Trimesh, transform: Array, units_per_metre: f
     if np.linalg.det(transform[:3, :3]) < 0:
         faces = faces[:, ::-1]
     texture, color, material = _material(mesh.visual, pictures)
-    uv = getattr(mesh.visual, "uv", None)
-    uv = np.asarray(uv, dtype=np.float32) if texture is not None and uv is not None and len(uv) == len(vertices) else None
+    uv = None if texture is None else getattr(mesh.visual, "uv", None)
+    uv = np.asarray(uv, dtype=np.float32) if uv is not None and len(uv) == len(vertices) else None
     vertices, small, uv = mended(vertices, faces, uv, repairs)
     texture = None if uv is None else texture
     name = name.removesuffix(f"_{material}")
@@ -155,7 +155,7 @@ def _material(visual: Any, pictures: Pictures) -> tuple[Image | None, tuple[int,
 
 
 def _rgb(values: Any) -> tuple[int, int, int]:
-    red, green, blue = (int(round(float(v))) for v in values)
+    red, green, blue = (round(float(v)) for v in values)
     return red, green, blue
 
 

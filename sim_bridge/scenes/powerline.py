@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ def half_width_m(z: float) -> float:
     """Half the tower's side at a height."""
     if z <= WAIST:
         return FOOT_HALF_M + (WAIST_HALF_M - FOOT_HALF_M) * z / WAIST
-    return WAIST_HALF_M + (TOP_HALF_M - WAIST_HALF_M) * (z - WAIST) / (LEVELS[-1] - WAIST)
+    return WAIST_HALF_M + (TOP_HALF_M - WAIST_HALF_M) * (z - WAIST) / (float(LEVELS[-1]) - WAIST)
 
 
 def _corners(x: float, z: float) -> Array:
@@ -59,7 +60,7 @@ def _corners(x: float, z: float) -> Array:
 def _tower(x: float) -> Iterator[Solid]:
     axis = np.array([x, 0.0, 0.0])
     peak = np.array([x, 0.0, HEIGHT_M])
-    for low, high in zip(LEVELS[:-1], LEVELS[1:], strict=True):
+    for low, high in pairwise(LEVELS):
         yield from _panel(_corners(x, low), _corners(x, high), axis)
     for corner in _corners(x, LEVELS[-1]):
         yield beam(corner, peak, _angle(LEG_M * 0.7), axis - corner)
@@ -91,7 +92,7 @@ def _arm(x: float, low: float, high: float, tip_y: float) -> Iterator[Solid]:
     for root in roots:
         yield beam(root, tip, _angle(BRACE_M), (0.0, 0.0, 1.0))
     steps = np.linspace(0.0, 0.86, 6)
-    for k, (s, t) in enumerate(zip(steps[:-1], steps[1:], strict=True)):
+    for k, (s, t) in enumerate(pairwise(steps)):
         a, b, c, d = (root + s * (tip - root) for root in roots)
         e, f, g, h = (root + t * (tip - root) for root in roots)
         lacing = [(a, f), (c, h), (a, g)] if k % 2 == 0 else [(b, e), (d, g), (c, e)]

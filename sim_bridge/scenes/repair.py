@@ -46,7 +46,7 @@ def mended(vertices: Vertices, faces: NDArray[np.integer], uv: Uv | None,
     known = ((faces >= 0) & (faces < len(vertices))).all(axis=1)
     repairs.out_of_range += int((~known).sum())
     faces = faces[known]
-    finite = np.isfinite(vertices).all(axis=1)[faces].all(axis=1)
+    finite = np.isfinite(vertices[faces]).all(axis=(1, 2))
     repairs.not_finite += int((~finite).sum())
     faces = faces[finite]
     solid = _areas(vertices, faces) > LEAST_AREA_M2

@@ -43,7 +43,7 @@ def joined(solids: Iterable[Solid]) -> Solid:
 def textured(name: str, solids: Iterable[Solid], tile: Tile, *, is_object: bool = True) -> Part:
     """A part of these solids, covered with a tile."""
     solid = joined(solids)
-    red, green, blue = (int(c) for c in tile.rgb.reshape(-1, 3).mean(axis=0))
+    red, green, blue = (int(c) for c in tile.rgb[::16, ::16].reshape(-1, 3).mean(axis=0))
     return Part(name, solid.vertices_m, solid.faces, (solid.uv_m / tile.size_m).astype(np.float32), tile.rgb,
                 (red, green, blue), is_object, procedural=False)
 
@@ -80,9 +80,8 @@ def box_corners(lo: Sequence[float], hi: Sequence[float], omit: str = "") -> Arr
 
 def cells(lo: Sequence[float], hi: Sequence[float], holes: Iterable[Sequence[float]] = ()) -> Array:
     """A rectangle without rectangular holes (u0, v0, u1, v1), cut into rectangles (n, 4, 2), counter-clockwise."""
-    cut = np.array([h for h in holes], dtype=np.float64).reshape(-1, 4)
-    u = np.unique(np.clip(np.concatenate([[lo[0], hi[0]], cut[:, 0], cut[:, 2]]), lo[0], hi[0]))
-    v = np.unique(np.clip(np.concatenate([[lo[1], hi[1]], cut[:, 1], cut[:, 3]]), lo[1], hi[1]))
+    cut = np.array(list(holes), dtype=np.float64).reshape(-1, 4)
+    u, v = (np.unique(np.round(np.clip([lo[i], hi[i], *cut[:, i], *cut[:, i + 2]], lo[i], hi[i]), 9)) for i in (0, 1))
     u0, v0 = (a.ravel() for a in np.meshgrid(u[:-1], v[:-1], indexing="ij"))
     u1, v1 = (a.ravel() for a in np.meshgrid(u[1:], v[1:], indexing="ij"))
     um, vm = (u0 + u1)[:, None] / 2, (v0 + v1)[:, None] / 2
@@ -140,7 +139,7 @@ def beam(start_m: ArrayLike, end_m: ArrayLike, profile_m: ArrayLike, towards: Ar
     return Solid(solid.vertices_m, solid.faces, uv.reshape(-1, 2))
 
 
-def lathe(profile_m: ArrayLike, foot_m: Sequence[float], sides: int = 24) -> Solid:
+def lathe(profile_m: ArrayLike, foot_m: ArrayLike, sides: int = 24) -> Solid:
     """A solid of revolution about the vertical through foot_m from a profile (n, 2) of radius and height, upwards."""
     profile = np.asarray(profile_m, dtype=np.float64)
     angle = np.linspace(0.0, 2.0 * np.pi, sides + 1)

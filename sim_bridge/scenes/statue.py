@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,7 +47,8 @@ def _robe(x: Volume, y: Volume, z: Volume) -> Volume:
     t = np.clip((z - PEDESTAL_M) / (WAIST - PEDESTAL_M), 0.0, 1.0)
     narrow = 1.0 - 0.5 * t ** 0.8
     angle = np.arctan2(y * (HEM_X / HEM_Y), x)
-    fold = (0.26 * (1.0 - 0.75 * t)) * (np.sin(11 * angle + 1.5 * np.sin(0.21 * z)) + 0.5 * np.sin(23 * angle - 0.3 * z))
+    waves = np.sin(11 * angle + 1.5 * np.sin(0.21 * z)) + 0.5 * np.sin(23 * angle - 0.3 * z)
+    fold = 0.26 * (1.0 - 0.75 * t) * waves
     radial = (np.sqrt((x / HEM_X) ** 2 + (y / HEM_Y) ** 2) - narrow) * np.float32(HEM_Y)
     return np.asarray(np.maximum(radial - fold, z - WAIST), dtype=np.float32)
 
@@ -88,7 +91,7 @@ def _wing(side: float) -> list[Limb]:
     arm = np.array([(1.5, 1.9, 36.0), (5.5, 2.6, 40.6), (10.5, 2.6, 43.4), (15.5, 2.1, 43.6), (19.6, 1.5, 41.4)])
     arm[:, 0] *= side
     limbs = [round_cone(a, b, (1.15 - 0.15 * i, 1.0 - 0.15 * i)) for i, (a, b) in
-             enumerate(zip(arm[:-1], arm[1:], strict=True))]
+             enumerate(pairwise(arm))]
     for i, t in enumerate(np.linspace(0.03, 1.0, 15)):
         root = np.array([np.interp(t * 4, range(5), arm[:, k]) for k in range(3)])
         splay = np.radians(-84.0 + 84.0 * t ** 1.2)

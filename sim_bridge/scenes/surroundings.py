@@ -45,11 +45,11 @@ def ground(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float, r
 def growth(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float) -> list[Part]:
     """Trees and rocks standing on the ground outside the free zone around the box lo, hi (3,)."""
     trunks, crowns, rocks = [], [], []
-    for x, y in _sites(rng, lo, hi, count=14, radius_m=3.6):
+    for x, y in _sites(rng, lo, hi, count=14, radius_m=4.6):
         trunk, crown = _tree(rng, np.array([x, y, ground_up_m]))
         trunks.append(trunk)
         crowns += crown
-    for x, y in _sites(rng, lo, hi, count=24, radius_m=1.6):
+    for x, y in _sites(rng, lo, hi, count=24, radius_m=2.4):
         radii = rng.uniform(0.4, 1.4) * np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.7)])
         rocks.append(_blob(rng, np.array([x, y, ground_up_m]), radii, 2, 0.16))
     return [
@@ -67,7 +67,8 @@ def _extent(lo: Array, hi: Array) -> tuple[float, float, float, float]:
 
 def _sites(rng: np.random.Generator, lo: Array, hi: Array, count: int, radius_m: float) -> list[tuple[float, float]]:
     """Places where something of this radius may stand: off the free zone and off the road, within view."""
-    reach, found = 42.0, []
+    reach = 42.0
+    found: list[tuple[float, float]] = []
     while len(found) < count:
         x, y = (float(rng.uniform(lo[i] - reach, hi[i] + reach)) for i in range(2))
         outside = max(lo[0] - x, x - hi[0], lo[1] - y, y - hi[1]) - radius_m

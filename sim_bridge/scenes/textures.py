@@ -24,24 +24,32 @@ class Tile:
     size_m: float
 
 
-def noise(rng: np.random.Generator, n: int, exponent: float, first_cycle: float = 2.0) -> Field:
+def noise(rng: np.random.Generator, n: int, exponent: float, first_cycle: int = 2, last_cycle: int = 0) -> Field:
     """(n, n) periodic noise of zero mean and unit variance with amplitude ~ 1 / frequency ** exponent.
 
-    first_cycle: frequencies below this many cycles per tile are left out, since they would show the repetition.
+    first_cycle, last_cycle: the range of frequencies in cycles per tile; lower ones would show the repetition. Without
+    last_cycle it reaches to the texels.
     """
-    fy, fx = np.fft.fftfreq(n, 1.0 / n).astype(np.float32)[:, None], np.fft.rfftfreq(n, 1.0 / n).astype(np.float32)
-    frequency = np.sqrt(fy * fy + fx * fx)
-    frequency[0, 0] = 1.0
-    amplitude = np.where(frequency < first_cycle, np.float32(0), frequency ** np.float32(-exponent))
-    white = rng.standard_normal((2, *amplitude.shape), dtype=np.float32)
-    field = scipy.fft.irfft2((white[0] + 1j * white[1]) * amplitude, s=(n, n))
-    return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
+    last = min(last_cycle or n // 2, n // 2 - 1)
+    fy = np.arange(-last, last + 1, dtype=np.float32)[:, None]
+    fx = np.arange(last + 1, dtype=np.float32)
+    frequency2 = np.maximum(fy * fy + fx * fx, np.float32(1.0))
+    amplitude = np.exp(np.log(frequency2) * np.float32(-0.5 * exponent))
+    amplitude[frequency2 < first_cycle * first_cycle] = 0.0
+    white = rng.standard_normal((*amplitude.shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    white *= amplitude
+    spectrum = np.zeros((n, n // 2 + 1), np.complex64)
+    spectrum[: last + 1, : last + 1] = white[last:]
+    spectrum[-last:, : last + 1] = white[:last]
+    field = scipy.fft.irfft2(spectrum, s=(n, n), overwrite_x=True)
+    field *= np.float32(1.0) / field[::2, ::2].std()
+    return np.asarray(field, dtype=np.float32)
 
 
 def concrete(rng: np.random.Generator, rgb: Rgb = (168, 164, 156)) -> Tile:
-    """Board-marked concrete with pores and stains; 6.1 m at 3 mm."""
-    n = 2048
-    cloud, grain = noise(rng, n, 1.4), noise(rng, n, 0.35, 64)
+    """Board-marked concrete with pores and stains; 4.6 m at 3 mm."""
+    n = 1536
+    cloud, grain = noise(rng, n, 1.4, 2, 160), noise(rng, n, 0.35, 64)
     boards = (np.arange(n) // (n // 16)) % 16
     shade = rng.normal(0.0, 0.035, 16).astype(np.float32)[boards][:, None]
     seam = (np.arange(n) % (n // 16) < 3).astype(np.float32)[:, None]
@@ -51,11 +59,11 @@ def concrete(rng: np.random.Generator, rgb: Rgb = (168, 164, 156)) -> Tile:
 
 
 def stone(rng: np.random.Generator, rgb: Rgb = (150, 138, 120)) -> Tile:
-    """Coursed ashlar, blocks of differing length and shade; 5.1 m at 2.5 mm."""
-    n, courses = 2048, 16
+    """Coursed ashlar, blocks of differing length and shade; 3.8 m at 2.5 mm."""
+    n, courses = 1536, 12
     block, edge = _masonry(rng, n, courses, (5, 8))
     light = 1.0 + 0.2 * rng.standard_normal(4096).astype(np.float32)[block % 4096]
-    rough, grain = noise(rng, n, 1.0, 6), noise(rng, n, 0.4, 80)
+    rough, grain = noise(rng, n, 1.0, 6, 200), noise(rng, n, 0.4, 80)
     light += 0.1 * rough + 0.06 * grain
     light = np.where(edge < 7, 0.62 + 0.05 * grain, light)
     warm = 0.045 * rng.standard_normal(4096).astype(np.float32)[(block * 7 + 3) % 4096]
@@ -63,11 +71,11 @@ def stone(rng: np.random.Generator, rgb: Rgb = (150, 138, 120)) -> Tile:
 
 
 def brick(rng: np.random.Generator, rgb: Rgb = (158, 92, 70)) -> Tile:
-    """Stretcher bond with mortar, each brick of its own shade; 4.1 m at 2 mm."""
-    n, courses = 2048, 64
-    block, edge = _masonry(rng, n, courses, (18, 18))
+    """Stretcher bond with mortar, each brick of its own shade; 3.1 m at 2 mm."""
+    n, courses = 1536, 48
+    block, edge = _masonry(rng, n, courses, (14, 14))
     light = 1.0 + 0.16 * rng.standard_normal(8192).astype(np.float32)[block % 8192]
-    grain, cloud = noise(rng, n, 0.5, 50), noise(rng, n, 1.4)
+    grain, cloud = noise(rng, n, 0.5, 50), noise(rng, n, 1.4, 2, 160)
     light += 0.07 * grain + 0.06 * cloud
     tile = _tinted(light, rgb, 0.08 * rng.standard_normal(8192).astype(np.float32)[(block * 5 + 1) % 8192])
     mortar = _tinted(1.0 + 0.08 * grain, (176, 168, 154), 0.0 * grain)
@@ -75,10 +83,10 @@ def brick(rng: np.random.Generator, rgb: Rgb = (158, 92, 70)) -> Tile:
 
 
 def plaster(rng: np.random.Generator, rgb: Rgb = (205, 186, 150)) -> Tile:
-    """Lime plaster with blotches and fine cracks; 6.1 m at 3 mm."""
-    n = 2048
-    cloud, grain = noise(rng, n, 1.5), noise(rng, n, 0.5, 40)
-    cracks = np.abs(noise(rng, n, 1.7, 3)) < 0.012
+    """Lime plaster with blotches and fine cracks; 4.6 m at 3 mm."""
+    n = 1536
+    cloud, grain = noise(rng, n, 1.5, 2, 160), noise(rng, n, 0.5, 40)
+    cracks = np.abs(noise(rng, n, 1.7, 3, 200)) < 0.012
     light = 1.0 + 0.1 * cloud + 0.06 * grain - 0.25 * cracks
     return Tile(_tinted(light, rgb, 0.05 * cloud), n * 0.003)
 
@@ -103,12 +111,12 @@ def galvanised(rng: np.random.Generator, rgb: Rgb = (158, 162, 166)) -> Tile:
 
 
 def patina(rng: np.random.Generator, rgb: Rgb = (104, 146, 128)) -> Tile:
-    """Weathered copper: verdigris over brown; 6.1 m at 3 mm."""
-    n = 2048
-    cloud, grain = noise(rng, n, 1.2, 3), noise(rng, n, 0.5, 40)
+    """Weathered copper: verdigris over brown; 4.6 m at 3 mm."""
+    n = 1536
+    cloud, grain = noise(rng, n, 1.2, 3, 200), noise(rng, n, 0.5, 40)
     green = _tinted(1.0 + 0.12 * cloud + 0.1 * grain, rgb, 0.05 * cloud)
     brown = _tinted(1.0 + 0.2 * grain, (108, 88, 66), 0.1 * grain)
-    worn = np.clip(1.6 * (noise(rng, n, 1.1, 4) - 0.6), 0.0, 1.0)[..., None]
+    worn = np.clip(1.6 * (noise(rng, n, 1.1, 4, 300) - 0.6), 0.0, 1.0)[..., None]
     return Tile((green * (1 - worn) + brown * worn).astype(np.uint8), n * 0.003)
 
 
@@ -131,17 +139,17 @@ def window(rng: np.random.Generator, rgb: Rgb = (62, 72, 82)) -> Tile:
 
 
 def asphalt(rng: np.random.Generator, rgb: Rgb = (92, 92, 94)) -> Tile:
-    """Worn asphalt with chippings and sealed cracks; 6.1 m at 3 mm."""
-    n = 2048
-    chips, cloud = noise(rng, n, 0.3, 90), noise(rng, n, 1.3)
-    seal = np.abs(noise(rng, n, 1.8)) < 0.02
+    """Worn asphalt with chippings and sealed cracks; 4.6 m at 3 mm."""
+    n = 1536
+    chips, cloud = noise(rng, n, 0.3, 90), noise(rng, n, 1.3, 2, 160)
+    seal = np.abs(noise(rng, n, 1.8, 2, 200)) < 0.02
     return Tile(_tinted(1.0 + 0.2 * chips + 0.1 * cloud - 0.35 * seal, rgb, 0.02 * cloud), n * 0.003)
 
 
 def grass(rng: np.random.Generator, rgb: Rgb = (98, 112, 62)) -> Tile:
     """Rough grass with bare patches; 10.2 m at 5 mm."""
     n = 2048
-    blades, tufts, bare = noise(rng, n, 0.5, 60), noise(rng, n, 1.1, 4), noise(rng, n, 1.2, 3)
+    blades, tufts, bare = noise(rng, n, 0.5, 60), noise(rng, n, 1.1, 4, 200), noise(rng, n, 1.2, 3, 160)
     green = _tinted(1.0 + 0.2 * blades + 0.16 * tufts, rgb, 0.1 * tufts)
     earth = _tinted(1.0 + 0.16 * blades + 0.1 * tufts, (136, 118, 88), 0.05 * tufts)
     return Tile(np.where((bare + 0.35 * blades > 1.1)[..., None], earth, green), n * 0.005)
@@ -150,7 +158,7 @@ def grass(rng: np.random.Generator, rgb: Rgb = (98, 112, 62)) -> Tile:
 def gravel(rng: np.random.Generator, rgb: Rgb = (150, 142, 130)) -> Tile:
     """Loose stones of 2-10 cm; 8.2 m at 4 mm."""
     n = 2048
-    stones, grit, cloud = noise(rng, n, 1.0, 40), noise(rng, n, 0.2, 200), noise(rng, n, 1.3)
+    stones, grit, cloud = noise(rng, n, 1.0, 40, 400), noise(rng, n, 0.2, 200), noise(rng, n, 1.3, 2, 160)
     light = 1.0 + 0.2 * stones + 0.1 * grit + 0.08 * cloud - 0.25 * (stones < -1.2)
     return Tile(_tinted(light, rgb, 0.07 * np.roll(stones, n // 3, axis=0)), n * 0.004)
 
