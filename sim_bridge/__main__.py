@@ -7,6 +7,8 @@ import logging
 import signal
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -44,6 +46,8 @@ def main(argv: list[str] | None = None) -> int:
     except SwarmscanError as e:
         log.error("%s", e)
         return 1
+    except KeyboardInterrupt:
+        return 130
     return 0
 
 
@@ -53,8 +57,8 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
     scene = load_scene(mission.scene, mission.site)
     site = site_brief(mission, scene)
     truth = Truth(*scene.mesh(), mission.obstacles)
-    surface = reference_points(scene, site, COVERAGE_POINTS)
-    coverage = Coverage(truth, surface.points_enu_m, mission.explore.sensing_range_m)
+    points, _ = reference_points(scene, site, COVERAGE_POINTS)
+    coverage = Coverage(truth, points, mission.explore.sensing_range_m)
     renderer = make_renderer(scene, mission.render, mission.camera, mission.seed)
     try:
         log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
@@ -62,15 +66,27 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
         with Bus(BRIDGE, fleet, listen=listen) as bus:
             clock = ClockServer(bus, mission.clock, without_scene(mission).mission_hash, site)
             world = World(bus, clock, mission, truth, renderer, coverage)
-            for number in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(number, lambda *_: clock.interrupt())
-            clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
-            world.run()
-        _conclude(mission, folder, scene, site, truth, world, coverage, renderer.backend_name)
+            with _interrupting(clock):
+                clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
+                world.run()
+                bus.close()  # who waits for the end of the clock need not wait for the verdict
+                _conclude(mission, folder, scene, site, truth, world, coverage, renderer.backend_name)
     finally:
         renderer.close()
     folder.write_process_record("bridge", frames=world.pictures, ticks=world.ticks, render_s=round(world.render_s, 3),
                                 wall_s=round(time.perf_counter() - begin, 3))
+
+
+@contextmanager
+def _interrupting(clock: ClockServer) -> Iterator[None]:
+    """Within, SIGINT and SIGTERM end the flight, but never the writing of what is true."""
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    previous = [signal.signal(number, lambda *_: clock.interrupt()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, previous, strict=True):
+            signal.signal(number, handler)
 
 
 def site_brief(mission: Mission, scene: Scene) -> SiteBrief:

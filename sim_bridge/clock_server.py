@@ -41,16 +41,18 @@ class ClockServer:
         self._interrupted = False
 
     def admit(self, names: set[str], timeout_s: float) -> None:
-        """Wait until all these participants have joined. Raises LinkError naming those missing."""
+        """Wait until all these participants have joined. Raises LinkError naming those missing, or when interrupted."""
         self._bus.subscribe(topics.JOIN)
         self._bus.subscribe(topics.TICK_DONE)
         self._bus.announce_alive()
         deadline = time.monotonic() + timeout_s
         boots: dict[str, str] = {}
-        while boots.keys() < names and not self._interrupted:
+        while boots.keys() < names:
             for d in self._bus.poll(until=lambda: self._interrupted, timeout_s=max(0.0, deadline - time.monotonic())):
                 if isinstance(d.message, Join) and self._accept(d.message, names):
                     boots[d.message.name] = d.message.boot
+            if self._interrupted:
+                raise LinkError("bridge: told to stop before everybody had joined.")
             if time.monotonic() > deadline:
                 missing = ", ".join(sorted(names - boots.keys()))
                 raise LinkError(f"bridge: did not join within {timeout_s:.0f} s: {missing}; look at their logs.")

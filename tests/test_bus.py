@@ -151,6 +151,6 @@ def test_only_the_given_loopback_endpoint_is_open() -> None:
     endpoint = free_endpoint()
     with Bus("bridge", "test", listen=endpoint), Bus("a", "test", connect=endpoint):
         now = {c.laddr for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN}
-        udp = [c for c in psutil.Process().net_connections("udp")]
+        udp = psutil.Process().net_connections("udp")
     assert {(a.ip, a.port) for a in now - before} == {("127.0.0.1", int(endpoint.rpartition(":")[2]))}
     assert udp == []
