@@ -55,6 +55,14 @@ def make(backend: Literal["egl", "raycast"], scene: Scene, camera_spec: CameraSp
         pytest.skip(f"no EGL on this machine: {e}")
 
 
+def egl_works() -> bool:
+    try:
+        make_renderer(small_scene(), RenderSpec(backend="egl"), NOISELESS, seed=3).close()
+    except UserError:
+        return False
+    return True
+
+
 def digest(backend: Literal["egl", "raycast"]) -> str:
     """SHA-256 of a noisy picture with an obstacle in it; also called in a process of its own."""
     renderer = make(backend, small_scene(), CameraSpec(noise_dn=1.5))
@@ -117,13 +125,12 @@ def centroid(red: np.ndarray, u: float, v: float) -> np.ndarray:
     return np.array([window.sum(axis=0) @ x, window.sum(axis=1) @ y]) / window.sum()
 
 
-@pytest.mark.parametrize("backend", ["egl", "raycast"])
-def test_another_process_makes_the_same_bytes(backend: Literal["egl", "raycast"]) -> None:
-    here = digest(backend)
-    code = f"from tests.test_render import digest; print(digest({backend!r}))"
+def test_another_process_makes_the_same_bytes() -> None:
+    backends = ["raycast", "egl"] if egl_works() else ["raycast"]
+    code = f"from tests.test_render import digest; print(*[digest(b) for b in {backends!r}])"
     there = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True,
                            check=True)
-    assert there.stdout.strip() == here
+    assert there.stdout.split() == [digest(backend) for backend in backends]
 
 
 def test_obstacles_come_and_go_without_a_trace(renderer: Renderer) -> None:

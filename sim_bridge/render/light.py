@@ -27,13 +27,16 @@ GRAIN_LUMA, GRAIN_HUE, GRAIN_FLOOR = 4.0, (1.3, 0.2, -1.5), 0.12
 SKY_SIZE = 1024
 SKY_LOWEST = -0.05
 """The sky map reaches down to this sine of elevation, so that it can be interpolated at the horizon."""
-LAND_COLOR = (0.40, 0.43, 0.27)
-LAND_PERIODS_M = (53.0, 610.0)
-LAND_GRAIN = (0.9, 2.6)
+LAND_COLOR = (0.40, 0.43, 0.25)
+LAND_PERIODS_M = (19.0, 230.0)
+LAND_GRAIN = (1.2, 1.9)
+LAND_HUE = (0.25, 0.0, -0.2)
 """The plain between the scene's own ground and the horizon: display colour, sizes and strengths of its pattern."""
 HAZE_M = 900.0
 """Distance at which haze leaves 1/e of the plain's own colour; the scene itself is near and has none."""
 
+EXPOSURE = 1.25
+"""Display = sqrt(1 - exp(-EXPOSURE * radiance)): white in full sun keeps its texture instead of clipping."""
 SUN_COLOR = (1.15, 1.08, 0.96)
 SKY_AMBIENT = (0.34, 0.39, 0.48)
 GROUND_AMBIENT = (0.17, 0.16, 0.135)
@@ -122,6 +125,11 @@ def _clouds(direction: NDArray[np.float64], rng: np.random.Generator) -> Floats:
     sampled = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     fade = np.clip(direction[..., 2] / 0.12, 0, 1)
     return np.asarray(np.clip((sampled - 0.25) * 0.9, 0, 0.9) * fade, dtype=np.float32)
+
+
+def developed(radiance: NDArray[np.floating]) -> Floats:
+    """Display values 0-1 of a radiance, by the film curve that the shaders use too."""
+    return np.asarray(np.sqrt(1 - np.exp(-EXPOSURE * radiance)), np.float32)
 
 
 def land_irradiance(to_sun: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -100,7 +100,7 @@ class RaycastRenderer:
         point = eye + ray * depth[:, None]
         footprint_m = depth / focal_px * np.sqrt(np.linalg.norm(ray, axis=1) / slope)
         albedo = self._albedo(face, point, footprint_m)
-        color[hit] = np.sqrt(albedo * self._irradiance(point, normal))
+        color[hit] = look.developed(albedo * self._irradiance(point, normal))
         return color
 
     def _background(self, rays_enu: NDArray[np.float64], eye: NDArray[np.float64], focal_px: float) -> Floats:
@@ -115,8 +115,8 @@ class RaycastRenderer:
         for weight, period_m, layer in zip(look.LAND_GRAIN, look.LAND_PERIODS_M, (0.37, 0.11), strict=True):
             grain = self._grain.sample(land_m / period_m + [0, 0, layer], range_m / falling / focal_px / period_m)
             stain += np.float32(weight) * (grain - 0.5)
-        pattern = np.maximum(1 + stain[:, :1] + 0.4 * stain[:, 1:] * look.GRAIN_HUE, look.GRAIN_FLOOR)
-        lit = np.sqrt(np.array(look.LAND_COLOR) ** 2 * pattern * look.land_irradiance(self._light.to_sun_enu))
+        pattern = np.maximum(1 + stain[:, :1] + stain[:, 1:] * look.LAND_HUE, look.GRAIN_FLOOR)
+        lit = look.developed(np.array(look.LAND_COLOR) ** 2 * pattern * look.land_irradiance(self._light.to_sun_enu))
         near = np.exp(-range_m / look.HAZE_M)[:, None]
         color[down] = color[down] * (1 - near) + lit * near
         return color

@@ -51,7 +51,7 @@ void main() {
         if (all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)))) lit *= texture(shadow, at);
     }
     vec3 ambient = mix(GROUND_AMBIENT, SKY_AMBIENT, 0.5 + 0.5 * normal.z) * (1.0 - AMBIENT_TURN * facing);
-    out_color = vec4(sqrt(albedo * (SUN_COLOR * lit + ambient)), 1.0);
+    out_color = vec4(sqrt(1.0 - exp(-EXPOSURE * albedo * (SUN_COLOR * lit + ambient))), 1.0);
 }
 """
 
@@ -84,8 +84,8 @@ void main() {
         vec2 land_m = eye_above_ground_m.xy + d.xy * range_m;
         vec2 stain = LAND_GRAIN_0 * (texture(grain, vec3(land_m / LAND_PERIOD_0, 0.37)).rg - 0.5)
                    + LAND_GRAIN_1 * (texture(grain, vec3(land_m / LAND_PERIOD_1, 0.11)).rg - 0.5);
-        vec3 albedo = LAND_COLOR * LAND_COLOR * max(1.0 + stain.x + 0.4 * stain.y * GRAIN_HUE, GRAIN_FLOOR);
-        color = mix(color, sqrt(albedo * land_irradiance), exp(-range_m / HAZE_M));
+        vec3 albedo = LAND_COLOR * LAND_COLOR * max(1.0 + stain.x + stain.y * LAND_HUE, GRAIN_FLOOR);
+        color = mix(color, sqrt(1.0 - exp(-EXPOSURE * albedo * land_irradiance)), exp(-range_m / HAZE_M));
     }
     out_color = vec4(color, 1.0);
 }
@@ -137,6 +137,7 @@ def _with_constants(source: str) -> str:
     constants = {
         "GROUND_AMBIENT": _vec3(light.GROUND_AMBIENT), "SKY_AMBIENT": _vec3(light.SKY_AMBIENT),
         "SUN_COLOR": _vec3(light.SUN_COLOR), "LAND_COLOR": _vec3(light.LAND_COLOR),
+        "LAND_HUE": _vec3(light.LAND_HUE), "EXPOSURE": f"{light.EXPOSURE:.6f}",
         "SKY_SCALE": f"{light.sky_map_scale():.8f}", "HAZE_M": f"{light.HAZE_M:.3f}",
         "GRAIN_HUE": _vec3(light.GRAIN_HUE), "GRAIN_LUMA": f"{light.GRAIN_LUMA:.6f}",
         "GRAIN_FLOOR": f"{light.GRAIN_FLOOR:.6f}", "AMBIENT_TURN": f"{light.AMBIENT_TURN:.6f}",
