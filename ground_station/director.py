@@ -97,7 +97,8 @@ class Director:
         drone.refused = ""
 
     def _give_views(self) -> None:
-        ready = [d for d in self._fleet.in_stage(Stage.READY) if d.vehicle_id not in self._done_exploring]
+        ready = [d for d in self._fleet.in_stage(Stage.READY)
+                 if d.vehicle_id not in self._done_exploring and d.standing]
         for drone in ready:
             if drone.vehicle_id not in self._column_flown:
                 self._column_flown.add(drone.vehicle_id)
@@ -207,13 +208,13 @@ class Director:
     def _survey_orders(self, drone: Drone, survey: Survey) -> None:
         if drone.stage is Stage.PARKED and drone.available and survey.waiting(drone.vehicle_id):
             self._fleet.launch(drone)
-        elif drone.stage is Stage.READY and survey.waiting(drone.vehicle_id):
+        elif drone.stage is Stage.READY and survey.waiting(drone.vehicle_id) and drone.standing:
             assert self._airspace is not None
             hovering = [d.position_enu_m for d in self._fleet.in_stage(Stage.READY) if d is not drone]
             waypoints = survey.next_waypoints(self._flyer(drone), self._airspace, hovering)
             if waypoints:
                 self._fleet.fly(drone, "survey", waypoints)
-        elif drone.stage is Stage.READY:
+        elif drone.stage is Stage.READY and not survey.waiting(drone.vehicle_id):
             self._fleet.home(drone)
 
     def _flyer(self, drone: Drone) -> Flyer:

@@ -73,6 +73,11 @@ class Drone:
         return self.link.telemetry.battery_percent if self.state is None else self.state.battery_percent
 
     @property
+    def standing(self) -> bool:
+        """Whether it does not move."""
+        return self.state is not None and float(np.linalg.norm(self.state.velocity_enu_m_s)) < STANDING_M_S
+
+    @property
     def available(self) -> bool:
         """Whether it can be given anything to fly, now or after a launch."""
         return not self.spent and self.stage is not Stage.LOST
@@ -199,18 +204,21 @@ class Fleet:
                                            f"{drone.battery_percent:.1f} %")
 
     def _hovers(self, drone: Drone) -> bool:
-        state = drone.state
-        return (state is not None and state.flying
-                and float(np.linalg.norm(np.array(state.velocity_enu_m_s))) < STANDING_M_S
-                and float(np.linalg.norm(np.array(state.position_enu_m) - drone.hover_enu_m)) < AT_HOVER_M)
+        return (drone.airborne and drone.standing
+                and float(np.linalg.norm(drone.position_enu_m - drone.hover_enu_m)) < AT_HOVER_M)
 
     def _plan_over(self, drone: Drone) -> bool:
-        """The plan was flown to its end, and its pictures are here (or have had time enough to come)."""
-        if drone.link.busy or not drone.link.plan_finished:
+        """Every view of the plan is here or was reported (the last waypoint is one), or the plan was flown to its end
+        and its pictures have had time enough to come."""
+        if drone.link.busy or not drone.standing:
+            return False
+        if not drone.awaited:
+            return True
+        if not drone.link.plan_finished:
             return False
         if drone.idle_since_ns < 0:
             drone.idle_since_ns = self.t_ns
-        return not drone.awaited or self.t_ns - drone.idle_since_ns >= round(LATE_PICTURE_S * SECOND_NS)
+        return self.t_ns - drone.idle_since_ns >= round(LATE_PICTURE_S * SECOND_NS)
 
     def _on_failure(self, drone: Drone, reason: str) -> None:
         self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id}: {reason}")

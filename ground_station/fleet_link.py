@@ -20,7 +20,8 @@ from missions.messages import LegReport, PlanHash, PlanVerdict, VehicleState
 
 COMMAND_RESEND_S, COMMAND_DEADLINE_S = 1.0, 15.0
 HEARTBEAT_S = 1.0
-RETURN_MODES = ("RTL", "LAND")
+RETURN_MODES = ("return", "land", "emergency")
+"""VehicleState.mode of a vehicle that is on its way to the ground."""
 NAN = float("nan")
 
 
@@ -115,7 +116,7 @@ class VehicleLink:
     def returning(self) -> bool:
         """Whether the vehicle says that it is on its way home or landing."""
         state = self.telemetry.state
-        return state is not None and state.mode.upper() in RETURN_MODES
+        return state is not None and state.mode in RETURN_MODES
 
     @property
     def rejected(self) -> int:

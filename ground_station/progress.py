@@ -18,18 +18,19 @@ from missions.messages import Status
 
 log = logging.getLogger(__name__)
 
-TERMINAL_PERIOD_S, LINE_PERIOD_S = 0.25, 5.0
+STATUS_PERIOD_S, LINE_PERIOD_S = 0.25, 5.0
 
 
 class Progress:
-    """Shows Status records; `due` says when the next one is wanted, by the wall clock (display only)."""
+    """Shows Status records; `due` says when the next one is wanted, by the wall clock (display only). A terminal gets
+    every one, a log one every LINE_PERIOD_S."""
 
     def __init__(self, quiet: bool = False) -> None:
         console = Console(file=sys.stderr)
         self._live = Live(console=console, auto_refresh=False, transient=False) if (
             console.is_terminal and not quiet) else None
         self._quiet = quiet
-        self._next = 0.0
+        self._next = self._next_line = 0.0
         self._phase = ""
 
     def __enter__(self) -> Progress:
@@ -48,12 +49,13 @@ class Progress:
 
     def show(self, status: Status) -> None:
         """Show this."""
-        self._phase = status.phase
-        self._next = time.monotonic() + (TERMINAL_PERIOD_S if self._live else LINE_PERIOD_S)
+        now = time.monotonic()
         if self._live:
             self._live.update(render(status), refresh=True)
-        elif not self._quiet:
+        elif not self._quiet and (now >= self._next_line or status.phase != self._phase):
             log.info(line(status))
+            self._next_line = now + LINE_PERIOD_S
+        self._phase, self._next = status.phase, now + STATUS_PERIOD_S
 
 
 def line(status: Status) -> str:
