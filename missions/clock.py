@@ -45,7 +45,7 @@ class SimClock:
         self._tick = -1
         self.site: SiteBrief | None = None
 
-    def join(self, timeout_s: float = 60.0) -> SiteBrief:
+    def join(self, timeout_s: float = 300.0) -> SiteBrief:
         """Take part; returns what the operator knows of the site. Raises LinkError, or UserError when refused."""
         bus = self._bus
         bus.subscribe(topics.WELCOME, bus.name)

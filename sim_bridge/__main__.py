@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import msgspec
@@ -54,25 +54,23 @@ def main(argv: list[str] | None = None) -> int:
 def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_timeout_s: float) -> None:
     """Open the world, fly the mission, leave the verdict in the run folder. Raises UserError or LinkError."""
     begin = time.perf_counter()
-    scene = load_scene(mission.scene, mission.site)
-    site = site_brief(mission, scene)
-    truth = Truth(*scene.mesh(), mission.obstacles)
-    points, _ = reference_points(scene, site, COVERAGE_POINTS)
-    coverage = Coverage(truth, points, mission.explore.sensing_range_m)
-    renderer = make_renderer(scene, mission.render, mission.camera, mission.seed)
-    try:
-        log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
-                 scene.triangles(), renderer.backend_name)
-        with Bus(BRIDGE, fleet, listen=listen) as bus:
+    with Bus(BRIDGE, fleet, listen=listen) as bus:  # the others may connect while the scene loads
+        scene = load_scene(mission.scene, mission.site)
+        site = site_brief(mission, scene)
+        truth = Truth(*scene.mesh(), mission.obstacles)
+        coverage = _coverage(mission, scene, site, truth)
+        write_reference(folder, scene, site)
+        with closing(make_renderer(scene, mission.render, mission.camera, mission.seed)) as renderer:
             clock = ClockServer(bus, mission.clock, without_scene(mission).mission_hash, site)
             world = World(bus, clock, mission, truth, renderer, coverage)
+            log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
+                     scene.triangles(), renderer.backend_name)
             with _interrupting(clock):
                 clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
                 world.run()
-                bus.close()  # who waits for the end of the clock need not wait for the verdict
-                _conclude(mission, folder, scene, site, truth, world, coverage, renderer.backend_name)
-    finally:
-        renderer.close()
+                write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(),
+                                       "pictures": world.pictures, "renderer": renderer.backend_name,
+                                       "notes": scene.notes, "site": msgspec.to_builtins(site)})
     folder.write_process_record("bridge", frames=world.pictures, ticks=world.ticks, render_s=round(world.render_s, 3),
                                 wall_s=round(time.perf_counter() - begin, 3))
 
@@ -97,16 +95,14 @@ def site_brief(mission: Mission, scene: Scene) -> SiteBrief:
                      ground_up_m=scene.ground_up_m if given.ground_up_m is None else given.ground_up_m)
 
 
-def _conclude(mission: Mission, folder: RunFolder, scene: Scene, site: SiteBrief, truth: Truth, world: World,
-              coverage: Coverage, backend: str) -> None:
-    """Write what is true, after the flight."""
+def _coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth) -> Coverage:
+    """Reference points, and what of them can be seen from where the mission's views may stand."""
+    points, _ = reference_points(scene, site, COVERAGE_POINTS)
+    coverage = Coverage(truth, points, mission.explore.sensing_range_m)
     positions = lattice_positions(*camera_bounds(mission, site), mission.explore.lattice_step_m)
     clearance = truth.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS))
-    positions = positions[clearance >= mission.fleet.clearance_m]
-    ceiling = coverage.ceiling(positions, mission.explore, mission.camera.explore_camera())
-    write_reference(folder, scene, site)
-    write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(ceiling), "pictures": world.pictures,
-                           "renderer": backend, "notes": scene.notes, "site": msgspec.to_builtins(site)})
+    coverage.reach(positions[clearance >= mission.fleet.clearance_m], mission.explore, mission.camera.explore_camera())
+    return coverage
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
@@ -115,7 +111,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--run", type=Path, required=True, help="run folder; the truth is written into it")
     parser.add_argument("--listen", default=DEFAULT_ENDPOINT, help="where the bus listens (default %(default)s)")
     parser.add_argument("--fleet", default="default", help="name of the fleet on the bus (default %(default)s)")
-    parser.add_argument("--join-timeout-s", type=float, default=120.0,
+    parser.add_argument("--join-timeout-s", type=float, default=300.0,
                         help="how long to wait for the other processes (default %(default)s)")
     return parser.parse_args(argv)
 

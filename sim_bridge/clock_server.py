@@ -78,7 +78,7 @@ class ClockServer:
         self._bus.t_ns = self.t_ns
         self._bus.publish(topics.TICK, Tick(tick=self._tick, t_ns=self.t_ns, counts=self._counts,
                                             participants=sorted(self._live), stop=stop))
-        done = self._wait_done()
+        done = self._wait_done(stop)
         self._counts = {key: total for d in done for key, total in d.counts.items()}
         result = Round(self._tick, self.t_ns, self._bus.collect(self._counts), frozenset(self._live))
         self._tick += 1
@@ -91,13 +91,14 @@ class ClockServer:
         """Count what the bridge itself published since the tick; call before the next `run_tick`."""
         self._counts |= self._bus.take_counts()
 
-    def _wait_done(self) -> list[TickDone]:
+    def _wait_done(self, stop: bool) -> list[TickDone]:
         """Answers to this tick, by name; who has left afterwards or died is no longer live."""
         done: dict[str, TickDone] = {}
         while not (self._interrupted or self._live <= done.keys()):
             gone = {n for n in self._live - done.keys() if not self._bus.is_alive(n)}
             if gone:
-                log.warning("left the clock without a word: %s", ", ".join(sorted(gone)))
+                if not stop:
+                    log.warning("left the clock without a word: %s", ", ".join(sorted(gone)))
                 self._live -= gone
                 continue
             for d in self._bus.poll(until=partial(self._call_off, self._live - done.keys()), timeout_s=None):

@@ -21,8 +21,8 @@ REFERENCE_SPACING_M = 0.04
 
 
 def reference_points(scene: Scene, site: SiteBrief, count: int) -> tuple[Array, Array]:
-    """Points (n, 3) ENU metres and unit normals (n, 3): samples, uniform by area, of the object's exposed surface inside
-    the operator's box. Raises UserError where the box holds nothing of it."""
+    """Points (n, 3) ENU metres and unit normals (n, 3): samples, uniform by area, of the object's exposed surface
+    inside the operator's box. Raises UserError where the box holds nothing of it."""
     surface = exposed_surface(scene, count)
     points = surface.points_enu_m
     inside = ((points >= site.object_min_enu_m) & (points <= site.object_max_enu_m)).all(axis=1)

@@ -98,7 +98,7 @@ def test_coverage_rises_to_everything_and_is_reported_view_by_view() -> None:
     for k, (position, yaw, elevation) in enumerate(sides):
         coverage.add(shutter(position, yaw, elevation, view_id=10 + k))
     assert np.diff(coverage.per_view).min() > 0.1
-    summary = coverage.summary(1.0)
+    summary = coverage.summary()
     assert summary["final"] == 1.0
     assert summary["view_ids"] == [10, 11, 12, 13, 14, 15]
     assert summary["auc"] == pytest.approx(np.mean(coverage.per_view))
@@ -112,18 +112,21 @@ def test_the_ceiling_is_never_below_what_was_covered(views: list[tuple[float, fl
     for east, north, up, yaw in views:
         coverage.add(shutter((east, north, up), yaw, -0.7))
     positions = lattice_positions(np.full(3, -8.0), np.full(3, 8.0), 8.0)[:n]
-    ceiling = coverage.ceiling(positions, ExploreSpec(), CAMERA)
+    coverage.reach(positions, ExploreSpec(), CAMERA)
+    ceiling = coverage.ceiling
     assert ceiling >= (coverage.per_view[-1] if views else 0.0)
     for position in positions:
         coverage.add(shutter(tuple(position.tolist()), 2.0 * math.pi * 3 / 10, math.radians(-30.0)))
-    assert ceiling >= (coverage.per_view[-1] if coverage.per_view else 0.0)
+    assert coverage.ceiling == ceiling >= (coverage.per_view[-1] if coverage.per_view else 0.0)
 
 
 def test_the_whole_lattice_reaches_all_sides() -> None:
     positions = lattice_positions(np.full(3, -8.0), np.full(3, 8.0), 4.0)
     world = truth()
     free = world.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS)) >= 1.2
-    assert Coverage(world, POINTS, 25.0).ceiling(positions[free], ExploreSpec(), CAMERA) == 1.0
+    coverage = Coverage(world, POINTS, 25.0)
+    coverage.reach(positions[free], ExploreSpec(), CAMERA)
+    assert coverage.ceiling == 1.0
 
 
 def test_lattice_cells_are_equal_and_fill_the_box() -> None:

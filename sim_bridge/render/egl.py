@@ -57,6 +57,7 @@ class EglRenderer:
     def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
         """Raises EglUnavailableError."""
         self._context = _make_context()
+        self._context.gc_mode = "auto"
         self._ground_up_m = scene.ground_up_m
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
         self._light = make_light(spec, seed)

@@ -100,7 +100,7 @@ def _sky(to_sun: NDArray[np.float64], rng: np.random.Generator) -> Bytes:
     direction = _sky_directions()
     up = direction[..., 2]
     zenith, horizon = np.array([0.24, 0.45, 0.78]), np.array([0.72, 0.82, 0.92])
-    color = horizon + (zenith - horizon) * np.clip(up, 0, 1)[..., None] ** 0.5
+    color = horizon + (zenith - horizon) * (1 - np.exp(-4 * np.clip(up, 0, 1)))[..., None]
     cosine = np.clip(direction @ to_sun, 0, 1)
     color = color + np.array([0.30, 0.27, 0.20]) * (cosine**12 + 0.8 * cosine**200)[..., None]
     cloud = _clouds(direction, rng)[..., None]

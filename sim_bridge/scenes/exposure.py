@@ -79,6 +79,21 @@ def sphere_directions(count: int) -> Array:
     return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
 
 
+def open_lines(vertices: Vertices, faces: Faces, rows: NDArray[np.intp]) -> NDArray[np.int64]:
+    """How many free lines (k,) lead into the open from the front of each of some faces of a mesh, by their rows (k,)."""
+    a, b, c = (vertices[faces[rows, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    origins = (a + b + c) / 3.0 + LIFT_M * normals
+    scene = embree_scene(vertices, faces)
+    reach = float(np.ptp(vertices, axis=0).max()) * 2.0
+    count = np.zeros(len(rows), dtype=np.int64)
+    for direction in sphere_directions(DIRECTIONS):
+        todo = np.flatnonzero(normals @ direction > 0.05)
+        count[todo] += _distances(scene, origins[todo], direction) > reach
+    return count
+
+
 def _uniform_samples(rng: np.random.Generator, vertices: Vertices, faces: Faces, count: int) -> Surface:
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)

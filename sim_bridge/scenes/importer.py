@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from missions.errors import UserError
 from sim_bridge.scenes.assets import Assets
-from sim_bridge.scenes.repair import Repairs, mended
+from sim_bridge.scenes.repair import Repairs, mended, without_doubles
 from sim_bridge.scenes.scene import Image, Part
 from sim_bridge.scenes.surroundings import PREFIX
 
@@ -55,6 +55,7 @@ def import_parts(path: Path, units_per_metre: float) -> Imported:
     if not parts:
         found = "; ".join(repairs.notes()) or "it is empty"
         raise UserError(f"{file}: has no usable triangle ({found}); export the scene as a triangle mesh.")
+    parts = without_doubles(parts, repairs)
     bare = sum(p.procedural for p in parts)
     notes = [*repairs.notes(), *assets.notes(), *pictures.notes()]
     if bare:

@@ -13,7 +13,7 @@ from missions.errors import UserError
 from missions.mission import SceneSpec, SiteSpec
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.importer import Box, Imported, import_parts
-from sim_bridge.scenes.repair import compacted
+from sim_bridge.scenes.repair import selected
 from sim_bridge.scenes.scene import Part, Scene, merged
 from sim_bridge.scenes.surroundings import GROUND, PREFIX, ground, growth
 
@@ -79,13 +79,10 @@ def _split(parts: list[Part], box: Box) -> tuple[list[Part], int]:
             kept.append(part)
             continue
         moved += int(outside.sum())
-        kept += [_selected(part, ~outside), _selected(part, outside, PREFIX)]
-    return [p for p in kept if len(p.faces)], moved
-
-
-def _selected(part: Part, chosen: NDArray[np.bool_], prefix: str = "") -> Part:
-    vertices, faces, uv = compacted(part.vertices_enu_m, part.faces[chosen], part.uv)
-    return replace(part, name=prefix + part.name, vertices_enu_m=vertices, faces=faces, uv=uv, is_object=not prefix)
+        if not outside.all():
+            kept.append(selected(part, ~outside))
+        kept.append(replace(selected(part, outside), name=PREFIX + part.name, is_object=False))
+    return kept, moved
 
 
 def _check_size(where: str, lo: Array, hi: Array) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.scenes.scene import Faces, Vertices
+from sim_bridge.scenes.exposure import open_lines
+from sim_bridge.scenes.scene import Faces, Part, Vertices, merged
 
 SAME_POINT_M = 1e-6
 LEAST_AREA_M2 = 1e-10
@@ -52,13 +53,38 @@ def mended(vertices: Vertices, faces: NDArray[np.integer], uv: Uv | None,
     solid = _areas(vertices, faces) > LEAST_AREA_M2
     repairs.degenerate += int((~solid).sum())
     faces = faces[solid]
-    first = _first_of_each(vertices, faces)
-    repairs.duplicate += len(faces) - len(first)
-    faces = faces[first]
     if uv is not None and not np.isfinite(uv[faces]).all():
         repairs.bad_uv_parts += 1
         uv = None
     return compacted(vertices, faces, uv)
+
+
+def without_doubles(parts: list[Part], repairs: Repairs) -> list[Part]:
+    """The parts without faces that lie on another one, in whichever part and whichever way wound; counted.
+
+    Modelling programs write the two sides of a face with two materials. The side that looks into the open stays; of two
+    such the textured one, else the earlier one.
+    """
+    vertices, faces = merged(parts)
+    group = _groups(vertices, faces)
+    doubled = np.flatnonzero(np.bincount(group)[group] > 1)
+    sizes = [len(p.faces) for p in parts]
+    bare = np.repeat([p.procedural for p in parts], sizes)
+    openness = np.zeros(len(faces), dtype=np.int64)
+    if len(doubled):
+        openness[doubled] = open_lines(vertices, faces, doubled)
+    order = np.lexsort((np.arange(len(faces)), bare, -openness))
+    chosen = np.zeros(len(faces), dtype=bool)
+    chosen[order[np.unique(group[order], return_index=True)[1]]] = True
+    repairs.duplicate += int((~chosen).sum())
+    kept = zip(parts, np.split(chosen, np.cumsum(sizes)[:-1]), strict=True)
+    return [p if own.all() else selected(p, own) for p, own in kept if own.any()]
+
+
+def selected(part: Part, chosen: NDArray[np.bool_]) -> Part:
+    """The part with only the chosen (m,) faces."""
+    vertices, faces, uv = compacted(part.vertices_enu_m, part.faces[chosen], part.uv)
+    return replace(part, vertices_enu_m=vertices, faces=faces, uv=uv)
 
 
 def compacted(vertices: Vertices, faces: NDArray[np.integer],
@@ -73,12 +99,8 @@ def _areas(vertices: Vertices, faces: NDArray[np.integer]) -> Vertices:
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
-def _first_of_each(vertices: Vertices, faces: NDArray[np.integer]) -> NDArray[np.intp]:
-    """Rows of the faces that no earlier face covers with the same three points, whichever way it is wound."""
-    if not len(faces):
-        return np.zeros(0, np.intp)
-    used, index = np.unique(faces, return_inverse=True)
-    _, place = np.unique(np.round(vertices[used] / SAME_POINT_M), axis=0, return_inverse=True)
-    corners = np.sort(place.ravel()[index].reshape(-1, 3), axis=1)
-    _, first = np.unique(corners, axis=0, return_index=True)
-    return np.sort(first)
+def _groups(vertices: Vertices, faces: Faces) -> NDArray[np.intp]:
+    """A number (m,) per face, equal for faces with the same three points, whichever way they are wound."""
+    _, place = np.unique(np.round(vertices / SAME_POINT_M), axis=0, return_inverse=True)
+    _, group = np.unique(np.sort(place.ravel()[faces], axis=1), axis=0, return_inverse=True)
+    return np.asarray(group.ravel(), dtype=np.intp)

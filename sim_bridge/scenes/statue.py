@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.scenes import textures
-from sim_bridge.scenes.implicit import Field, Limb, Volume, round_cone, surface
+from sim_bridge.scenes.implicit import Field, Limb, Volume, relaxed, round_cone, surface
 from sim_bridge.scenes.scene import Part
 from sim_bridge.scenes.solids import Solid, box, planar_mapped, plate, textured
 
@@ -29,13 +29,14 @@ def statue(rng: np.random.Generator) -> list[Part]:
 
 def _figure() -> Solid:
     """The figure's surface, stretched by the last decimetres to the exact overall size."""
-    field = Field.empty((-23.0, -4.7, PEDESTAL_M - STEP_M), (23.0, 4.7, 52.5), STEP_M)
+    field = Field.empty((-23.0, -4.7, PEDESTAL_M - 2 * STEP_M), (23.0, 4.7, 52.5), STEP_M)
     field.add(_robe, (-5.5, -4.5, PEDESTAL_M - 1.0), (5.5, 4.5, WAIST + 1.0), 0.6)
     for limb in (*_body(), *_arms()):
         field.add(*limb, 1.0)
     for limb in (*_details(), *_wing(-1.0), *_wing(1.0)):
         field.add(*limb, 0.45)
     vertices, faces = surface(field)
+    vertices = relaxed(vertices, faces, rounds=4)
     vertices[:, 0] *= LENGTH_M / 2 / np.where(vertices[:, 0] > 0, vertices[:, 0].max(), -vertices[:, 0].min())
     rise = vertices[:, 2] - PEDESTAL_M
     vertices[:, 2] = PEDESTAL_M + rise * (HEIGHT_M - PEDESTAL_M) / rise.max()
