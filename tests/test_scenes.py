@@ -13,7 +13,7 @@ from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.exposure import exposed_surface
 from sim_bridge.scenes.implicit import Field, round_cone, surface
 from sim_bridge.scenes.load import load_scene
-from sim_bridge.scenes.repair import Repairs, mended
+from sim_bridge.scenes.repair import Repairs, mended, without_doubles
 from sim_bridge.scenes.scene import Scene
 from sim_bridge.scenes.solids import beam, box, cells, lathe, tube
 from sim_bridge.scenes.surroundings import GROUND, PREFIX
@@ -50,8 +50,9 @@ def test_powerline_spans_its_length_between_towers_of_30_m(scenes: dict[str, Sce
 def test_parts_are_sound_and_textured(scenes: dict[str, Scene], name: str) -> None:
     scene = scenes[name]
     assert 20_000 <= scene.triangles() <= 150_000
+    repairs = Repairs()
+    without_doubles(scene.parts, repairs)
     for part in scene.parts:
-        repairs = Repairs()
         vertices, _, uv = mended(part.vertices_enu_m, part.faces, part.uv, repairs)
         assert repairs == Repairs(), part.name
         assert len(vertices) == len(part.vertices_enu_m)

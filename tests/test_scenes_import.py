@@ -1,4 +1,4 @@
-"""Scenes from files: export and import are inverse, faults are mended and counted, bad input is refused in a sentence."""
+"""Scenes from files: export and import are inverse, faults are mended and counted, bad input is refused."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def parts(draw: st.DrawFn, name: str, is_object: bool) -> Part:
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n = draw(st.integers(4, 30))
     scale = draw(st.sampled_from([1.0, 30.0, 400.0]))
-    vertices = rng.uniform(-scale, scale, (n, 3))
+    vertices = rng.uniform(-scale, scale, (n, 3)) + len(name) + ord(name[-1])
     rows = {tuple(sorted(rng.choice(n, 3, replace=False))) for _ in range(draw(st.integers(1, 40)))}
     used, index = np.unique(np.array(sorted(rows)), return_inverse=True)
     faces = index.reshape(-1, 3).astype(np.int32)
@@ -158,6 +158,17 @@ def test_faulty_faces_are_dropped_and_counted(tmp_path: Path) -> None:
     assert "2 faces with NaN" in notes
     assert "1 faces without area" in notes
     assert "2 faces that repeat" in notes
+
+
+@pytest.mark.parametrize("back", ["Kd 1 1 1", "Kd 1 1 1\nmap_Kd back.png"])
+def test_of_two_materials_on_one_face_the_outer_one_stays(tmp_path: Path, back: str) -> None:
+    picture(tmp_path / "skin.png")
+    picture(tmp_path / "back.png")
+    extra = "usemtl back\nf 3/3 2/2 1/1\nf 4/4 3/3 1/1\n"
+    path = write_obj(tmp_path, f"map_Kd skin.png\nnewmtl back\n{back}", extra)
+    scene = load_scene(SceneSpec(path=str(path)), HERE)
+    assert [(p.name, len(p.faces), p.procedural) for p in own_parts(scene)] == [("thing", 12, False)]
+    assert scene.notes == ["dropped 2 faces that repeat another one"]
 
 
 def test_transforms_and_units_of_a_glb(tmp_path: Path) -> None:

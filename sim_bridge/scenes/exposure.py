@@ -80,7 +80,7 @@ def sphere_directions(count: int) -> Array:
 
 
 def open_lines(vertices: Vertices, faces: Faces, rows: NDArray[np.intp]) -> NDArray[np.int64]:
-    """How many free lines (k,) lead into the open from the front of each of some faces of a mesh, by their rows (k,)."""
+    """How many free lines (k,) lead into the open from the front of some faces of a mesh, given by their rows (k,)."""
     a, b, c = (vertices[faces[rows, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
