@@ -78,18 +78,19 @@ def open_map(mission: Mission, solid: Iterable[Box] = ()) -> VoxelGrid:
     return grid
 
 
-def route(points: list[tuple[float, float, float]], *, plan_id: int = 1, stop: bool = True, first_view: int | None = 100,
+def route(points: list[tuple[float, float, float]], *, plan_id: int = 1, stop: bool = True, first_view: int = 100,
           home_after: bool = False, phase: str = "explore") -> Route:
-    """Waypoints at these points, each with a picture unless first_view is None."""
+    """Waypoints at these points, each with a picture."""
     waypoints = [Waypoint(position_enu_m=p, yaw_enu_rad=0.3 * n, gimbal_elevation_rad=-0.1 * n, stop=stop, settle_s=0.3,
-                          view_id=None if first_view is None else first_view + n) for n, p in enumerate(points)]
+                          view_id=first_view + n) for n, p in enumerate(points)]
     return Route(plan_id=plan_id, phase=phase, waypoints=waypoints, home_after=home_after)
 
 
 class World:
     """Vehicles, the bridge and the ground station of a test."""
 
-    def __init__(self, mission: Mission, folder: Path, *, obstacles: Iterable[Box] = (), acknowledge: bool = True) -> None:
+    def __init__(self, mission: Mission, folder: Path, *, obstacles: Iterable[Box] = (),
+                 acknowledge: bool = True) -> None:
         self.mission, self.obstacles, self.acknowledge = mission, list(obstacles), acknowledge
         self.vehicles = {k: Vehicle(mission, SITE, k, folder / str(k)) for k in range(1, mission.fleet.vehicles + 1)}
         for k in self.vehicles:
@@ -134,10 +135,12 @@ class World:
 
     def tick(self) -> None:
         """One tick of everybody."""
-        names = frozenset({BRIDGE, *(vehicle_name(k) for k in self.vehicles)} | ({GROUND} if self.ground_alive else set()))
+        ground = {GROUND} if self.ground_alive else set()
+        names = frozenset({BRIDGE, *map(vehicle_name, self.vehicles)} | ground)
         inbox, self.inbox = self.inbox, {k: [] for k in self.vehicles}
-        sent = [(k, o) for k in sorted(self.vehicles)
-                for o in self.vehicles[k].step(self.t_ns, sorted(inbox[k], key=lambda d: d.topic.key("f", d.who)), names)]
+        for box in inbox.values():
+            box.sort(key=lambda d: d.topic.key("f", d.who))
+        sent = [(k, o) for k, v in sorted(self.vehicles.items()) for o in v.step(self.t_ns, inbox[k], names)]
         for k, (topic, message, _) in sent:
             self._carry(k, topic, message)
         wake = min(v.wake_ns for v in self.vehicles.values())
@@ -193,9 +196,9 @@ class World:
     def _expose(self, k: int, request: ShutterRequest) -> None:
         self.shutters.append(request)
         jpeg = bytes([request.view_id % 256]) * 300_000
-        meta = PictureMeta(vehicle_id=k, view_id=request.view_id, phase=request.phase, t_capture_ns=request.t_capture_ns,
-                           pose=request.pose, position_sigma_m=0.0, speed_m_s=request.speed_m_s, camera=request.camera,
-                           sha256=hashlib.sha256(jpeg).hexdigest(), size_bytes=len(jpeg))
+        meta = PictureMeta(vehicle_id=k, view_id=request.view_id, phase=request.phase, pose=request.pose,
+                           t_capture_ns=request.t_capture_ns, position_sigma_m=0.0, speed_m_s=request.speed_m_s,
+                           camera=request.camera, sha256=hashlib.sha256(jpeg).hexdigest(), size_bytes=len(jpeg))
         self.send(k, topics.SENSOR_PICTURE, SensorPicture(meta=meta, jpeg=jpeg), BRIDGE)
 
     def _ground_mavlink(self, k: int, message: MavlinkFrames) -> None:

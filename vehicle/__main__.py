@@ -30,13 +30,17 @@ def main(argv: list[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGINT, _leave)
     folder, name = RunFolder(args.run), vehicle_name(args.id)
     try:
         mission = without_scene(load_mission(find_mission(args.mission)))
         if not 1 <= args.id <= mission.fleet.vehicles:
             raise UserError(f"--id {args.id}: this mission has vehicles 1 to {mission.fleet.vehicles}; give one.")
-        with Bus(name, args.fleet, connect=args.connect) as bus:
-            _fly(bus, mission, args.id, folder)
+        try:
+            with Bus(name, args.fleet, connect=args.connect) as bus:
+                _fly(bus, mission, args.id, folder)
+        finally:
+            folder.write_process_record(name)
     except UserError as e:
         log.error("%s", e)
         return 2
@@ -44,8 +48,6 @@ def main(argv: list[str] | None = None) -> int:
         log.warning("%s", e)
     except _Leave:
         log.info("%s: told to leave", name)
-    finally:
-        folder.write_process_record(name)
     return 0
 
 
@@ -67,6 +69,8 @@ class _Leave(Exception):  # noqa: N818 - a request, not an error
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
+    for told_once in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(told_once, signal.SIG_IGN)
     raise _Leave
 
 

@@ -19,7 +19,7 @@ LOOK_AHEAD_NS = 200_000_000
 RETRY_NS = 500_000_000
 WAIT_FOR_TEAMMATE_NS = 20 * NS
 WAIT_FOR_MAP_NS = 2 * NS
-MAX_LAUNCHES = 15
+MAX_LAUNCHES = 40
 """Legs flown for one waypoint before it counts as blocked."""
 DETOUR_SPEED_M_S = 1.5
 """Around things that the map did not show, slow enough to stop within what the sensor sees densely."""

@@ -55,6 +55,7 @@ class SensorMemory:
         self.map_version = self.hit_version = 0
         self._row_of: dict[tuple[int, ...], int] = {}
         self._points: Array = np.zeros((0, 3))
+        self._new: Array = np.zeros((0, 3))
         self._seen_ns: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._forget_ns = 0
         self._grid = VoxelGrid.unknown(lower_enu_m, upper_enu_m, voxel_m)
@@ -75,6 +76,7 @@ class SensorMemory:
             state[there] = grid.state[here]
         self._grid = VoxelGrid(self._grid.origin_enu_m, grid.voxel_m, state)
         self.map_version += 1
+        self._note_new()
 
     def put_scan(self, scan: RangeScan, teammates_enu_m: Array, near_teammate_m: float) -> None:
         """Remember a scan. Echoes from teammates (m, 3) are not obstacles: teammates tell where they are."""
@@ -98,27 +100,17 @@ class SensorMemory:
         crop = tuple(slice(p, q) for p, q in zip(lo, hi, strict=True))
         state = np.where(self._swept[crop] & (grid.state[crop] == UNKNOWN), FREE, grid.state[crop]).astype(np.uint8)
         part = VoxelGrid(grid.origin_enu_m + lo * grid.voxel_m, grid.voxel_m, state)
-        near = np.all((self._points >= lower) & (self._points <= upper), axis=1)
-        return VoxelField.from_grid(part).with_spheres(self._points[near], HIT_RADIUS_M)
+        near = np.all((self._new >= lower) & (self._new <= upper), axis=1)
+        return VoxelField.from_grid(part).with_spheres(self._new[near], HIT_RADIUS_M)
 
     def hits_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> bool:
-        """Whether a segment keeps this distance from everything the sensor has hit, whatever the map says."""
-        if not len(self._points):
+        """Whether a segment keeps this distance from all that the sensor has hit and the map does not hold."""
+        if not len(self._new):
             return True
         span = b_enu_m - a_enu_m
-        f = np.clip((self._points - a_enu_m) @ span / max(float(span @ span), 1e-12), 0.0, 1.0)
-        gap = np.linalg.norm(a_enu_m + f[:, None] * span - self._points, axis=1)
+        f = np.clip((self._new - a_enu_m) @ span / max(float(span @ span), 1e-12), 0.0, 1.0)
+        gap = np.linalg.norm(a_enu_m + f[:, None] * span - self._new, axis=1)
         return bool(gap.min() >= clearance_m)
-
-    @property
-    def hits_enu_m(self) -> Array:
-        """(m, 3) what the range sensor has hit, one point per cell."""
-        return self._points
-
-    @property
-    def occupied_voxels(self) -> int:
-        """How many voxels the map calls occupied."""
-        return int(np.count_nonzero(self._grid.state == OCCUPIED))
 
     def _remember(self, hits: Array, t_ns: int) -> None:
         cells = [tuple(c) for c in np.floor(hits / HIT_CELL_M).astype(int).tolist()]
@@ -134,6 +126,7 @@ class SensorMemory:
             self._points = np.concatenate([self._points, hits[fresh]])
             self._seen_ns = np.concatenate([self._seen_ns, np.full(len(fresh), t_ns, dtype=np.int64)])
             self.hit_version += 1
+            self._note_new()
         if t_ns >= self._forget_ns:
             self._forget(t_ns)
 
@@ -144,7 +137,12 @@ class SensorMemory:
             self._row_of = {c: int(new_row[r]) for c, r in self._row_of.items() if keep[r]}
             self._points, self._seen_ns = self._points[keep], self._seen_ns[keep]
             self.hit_version += 1
+            self._note_new()
         self._forget_ns = t_ns + FORGET_EVERY_NS
+
+    def _note_new(self) -> None:
+        """Hits in voxels that the map calls occupied add nothing: those voxels are solid as a whole."""
+        self._new = self._points[self._grid.state_at(self._points) != OCCUPIED]
 
     def _columns_swept(self) -> NDArray[np.bool_]:
         grid = self._grid

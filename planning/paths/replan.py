@@ -17,7 +17,9 @@ from planning.paths.fields import ObstacleField
 MAX_ITERATIONS = 4000
 TREE_RANGE_M = 6.0
 SHORTCUT_POINTS = 48
-SHORTCUT_ROUNDS = 3
+SHORTCUT_ROUNDS = 6
+CORNER_M = 1.5
+"""What a corner costs beside its length: vehicles turn at rest."""
 
 
 class NoPath(SwarmscanError):  # noqa: N818 - a refusal that callers expect, not a fault
@@ -51,13 +53,13 @@ def plan_path(field: ObstacleField, start_enu_m: Array, goal_enu_m: Array, clear
 
 
 def shortcut(field: ObstacleField, path: Array, clearance_m: float) -> Array:
-    """The shortest sub-sequence of a path (n, 3), resampled, whose segments are all clear; ends are kept."""
+    """The cheapest sub-sequence of a path (n, 3), resampled, whose segments are all clear; ends are kept."""
     path = _resampled(path, SHORTCUT_POINTS)
     n = len(path)
     i, j = np.triu_indices(n, 1)
     clear = field.segments_clear(path[i], path[j], clearance_m)
     clear |= j == i + 1
-    length = np.linalg.norm(path[j] - path[i], axis=1)
+    length = np.linalg.norm(path[j] - path[i], axis=1) + CORNER_M
     best, previous = np.full(n, np.inf), np.zeros(n, dtype=int)
     best[0] = 0.0
     for a, b, ok, d in zip(i, j, clear, length, strict=True):

@@ -122,7 +122,7 @@ def _pass_times(leg: Leg, vias: list[Via]) -> Array:
     """When the leg is nearest to each via: bisection on the distance flown, which never decreases."""
     span = vias[-1].position - leg.at(0.0)[0]
     length = float(np.linalg.norm(span))
-    if length < 1e-6:
+    if length < 1e-6 or len(vias) == 1:
         return np.full(len(vias), leg.duration_s)
     wanted = np.array([(v.position - leg.at(0.0)[0]) @ span / length for v in vias])
     low, high = np.zeros(len(vias)), np.full(len(vias), leg.duration_s)

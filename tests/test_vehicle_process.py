@@ -1,0 +1,97 @@
+"""A real vehicle process on loopback: joins, reports, leaves quickly when told, and outlives nobody's bridge."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from missions import topics
+from missions.bus import Bus
+from missions.messages import Tick, VehicleState
+from missions.mission import find_mission, load_mission, without_scene
+from missions.run_folder import RunFolder
+from sim_bridge.clock_server import ClockServer
+from tests.loopback import free_endpoint
+from tests.vehicle_world import SITE
+
+pytestmark = pytest.mark.loopback
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def vehicle(endpoint: str, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    command = [sys.executable, "-m", "vehicle", "bridge", "--id", "1", "--run", str(tmp_path), "--connect", endpoint,
+               "--fleet", "test"]
+    process = subprocess.Popen(command)
+    yield process
+    process.kill()
+    process.wait(10)
+
+
+def serve(bus: Bus) -> ClockServer:
+    """Admit the vehicle."""
+    mission = without_scene(load_mission(find_mission("bridge")))
+    server = ClockServer(bus, mission.clock, mission.mission_hash, SITE)
+    bus.subscribe(topics.VEHICLE_STATE)
+    server.admit({"uav1"}, 60.0)
+    return server
+
+
+def test_joins_tells_its_state_and_leaves_within_two_seconds(endpoint: str, vehicle: subprocess.Popen[bytes],
+                                                             tmp_path: Path) -> None:
+    with Bus("bridge", "test", listen=endpoint) as bus:
+        server = serve(bus)
+        told = [d.message for _ in range(12) for d in server.run_tick().deliveries]
+        states = [m for m in told if isinstance(m, VehicleState)]
+        assert [s.t_ns for s in states] == [0, 1_000_000_000]
+        assert not states[0].flying
+        vehicle.send_signal(signal.SIGTERM)
+        began = time.monotonic()
+        assert vehicle.wait(10) == 0
+        assert time.monotonic() - began < 2.0
+    assert [r["name"] for r in RunFolder(tmp_path).process_records()] == ["uav1"]
+
+
+def test_stops_with_the_clock(endpoint: str, vehicle: subprocess.Popen[bytes]) -> None:
+    with Bus("bridge", "test", listen=endpoint) as bus:
+        server = serve(bus)
+        server.run_tick()
+        bus.publish(topics.TICK, Tick(tick=1, t_ns=100_000_000, counts={}, participants=["uav1"], stop=True))
+        assert vehicle.wait(10) == 0
+
+
+def test_leaves_in_peace_when_the_bridge_vanishes(endpoint: str, vehicle: subprocess.Popen[bytes],
+                                                  tmp_path: Path) -> None:
+    with Bus("bridge", "test", listen=endpoint) as bus:
+        serve(bus).run_tick()
+    assert vehicle.wait(15) == 0
+    record = RunFolder(tmp_path).process_records()[0]
+    assert record["peak_memory_mib"] < 400
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["nowhere"], "no such mission file"), (["bridge", "--id", "9"], "--id 9")])
+def test_bad_input_ends_with_one_sentence_and_code_2(arguments: list[str], said: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "vehicle", *arguments, *([] if "--id" in arguments else ["--id", "1"]),
+               "--run", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_heavy_library_is_imported() -> None:
+    code = "import sys, vehicle.__main__; print([m for m in ('torch', 'open3d', 'cv2', 'trimesh') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"
