@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from perception.reconstruct.pictures import SurveyPicture
 CAMERA = Camera.from_diagonal_fov(640, 360, 84.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rectangle:
     """Corner, two perpendicular edges (m), and a texture of 1 cm texels."""
 
@@ -39,6 +40,7 @@ class Rectangle:
             hit = (t > 0.1) & (s >= 0) & (s <= la) & (r >= 0) & (r <= lb)
         return np.where(hit, t, np.inf), s, r
 
+    @cached_property
     def texture(self) -> np.ndarray:
         rng = np.random.default_rng(self.seed)
         h, w = int(np.linalg.norm(self.b) * 100) + 2, int(np.linalg.norm(self.a) * 100) + 2
@@ -49,6 +51,7 @@ class Rectangle:
         return np.clip(out, 0, 255)
 
 
+@cache
 def wall_and_box() -> list[Rectangle]:
     """A 10 x 6 m wall in the plane y = 0, facing south, and a 2 m box standing 1 m out of it."""
     x, y, z = np.eye(3)
@@ -73,7 +76,7 @@ def photograph(surfaces: list[Rectangle], pose: Pose, camera: Camera = CAMERA, s
     for surface in surfaces:
         t, s, r = surface.hit(origin, rays)
         seen = t < nearest
-        colour = cv2.remap(surface.texture(), (np.where(seen, s, 0) * 100).astype(np.float32),
+        colour = cv2.remap(surface.texture, (np.where(seen, s, 0) * 100).astype(np.float32),
                            (np.where(seen, r, 0) * 100).astype(np.float32), cv2.INTER_LINEAR)
         picture[seen], nearest[seen] = colour[seen], t[seen]
     small = cv2.resize(picture, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)

@@ -32,8 +32,7 @@ class Measured:
 def measure(data: RunData) -> Measured | None:
     """None, with a note, when the cloud or the truth is missing."""
     run = data.run
-    samples = run.root / "truth" / "reference_samples.npz"
-    mesh = run.root / "truth" / "reference.ply"
+    samples, mesh = run.truth_samples, run.truth_mesh
     absent = [p.relative_to(run.root).as_posix() for p in (run.cloud, samples, mesh) if not p.is_file()]
     if absent:
         data.notes.append(f"{', '.join(absent)} missing: the reconstruction was not measured.")

@@ -1,13 +1,178 @@
-"""report.html."""
+"""report.html: one self-contained page that explains a flight in a minute."""
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
+import cv2
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from ground_station.report import charts, renderings, tables
 from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
+from ground_station.report.splat import Pixels, data_uri
+from ground_station.report.style import CSS, SCRIPT
+from ground_station.report.thesis import NOTHING, REPORTED, Reported
+from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_numbers, percent
+from perception.reconstruct.cloud import Cloud, read_cloud
+
+SAMPLE_PICTURES = 6
+THUMBNAIL_PX = 560
 
 
 def write_page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> None:
-    """Write the page."""
-    data.run.report.write_text("<!doctype html>", encoding="utf-8")
+    """Write report.html from whatever is known; sections with nothing to show are left out."""
+    data.run.report.write_text(page(data, measured, metrics), encoding="utf-8")
+
+
+def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> str:
+    """The whole page as HTML."""
+    thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
+    cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
+    body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud),
+                    _measurements(measured, metrics, thesis), _regions(data, cloud, measured),
+                    _pictures(data), _machine(metrics), _notes(metrics)])
+    return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
+            f"</title><meta name=viewport content='width=device-width'><style>{CSS}</style>"
+            f"<script>{get_plotlyjs()}</script></head><body><main>{body}</main><script>{SCRIPT}</script></body></html>")
+
+
+def _head(data: RunData, metrics: dict[str, Any]) -> str:
+    tiles = "".join(_tile(t) for t in key_numbers(data, metrics))
+    origin = (f"run {escape(data.run.root.name)} · mission {escape(str(metrics['mission_hash']))} · "
+              f"seed {metrics['seed']} · {data.mission.fleet.vehicles} vehicles")
+    return (f"<header><h1>{escape(data.mission.title)}</h1><div class=soft>{origin}</div>"
+            f"<p class=summary>{escape(summary(data, metrics))}</p></header><div class=tiles>{tiles}</div>")
+
+
+def summary(data: RunData, metrics: dict[str, Any]) -> str:
+    """The flight in three sentences."""
+    explore = sum(v.phase == "explore" for v in data.views)
+    survey = sum(v.phase == "survey" for v in data.views)
+    vehicles, fleet = data.mission.fleet.vehicles, metrics["fleet"]
+    text = f"{vehicles} vehicle{'s' if vehicles > 1 else ''} took {explore} exploration and {survey} survey pictures"
+    if fleet["makespan_s"] is not None:
+        text += f" in {clock(fleet['makespan_s'])} of simulated flight"
+    if metrics["collisions"] is not None:
+        text += f", with {metrics['collisions'] or 'no'} collision{'' if metrics['collisions'] == 1 else 's'}"
+    text += "."
+    if fleet["views_reassigned"]:
+        text += f" {fleet['views_reassigned']} views were handed over to another vehicle."
+    complete, within = metrics["c2c"]["completeness"]["0.25"], metrics["c2m"]["within_2cm"]
+    if complete is not None:
+        text += (f" The cloud made from them covers {percent(complete)} of the true surface within 25 cm, "
+                 f"and {percent(within)} of its points lie within 2 cm of it.")
+    return text
+
+
+def _tile(tile: Tile) -> str:
+    mark = {NEUTRAL: "", ATTENTION: " <span class=mark>▲</span>"}.get(tile.state, " <span class=mark>✓</span>")
+    return (f"<div class='tile {tile.state}'><div class=name>{escape(tile.name)}{mark}</div>"
+            f"<div class=value>{escape(tile.value)}</div><div class=against>{escape(tile.against)}</div></div>")
+
+
+def _model(data: RunData, cloud: Cloud | None) -> str:
+    if cloud is None:
+        return ""
+    spacing = data.mission.reconstruct.cloud_spacing_m
+    picture = _figure(f"{len(cloud):,} points, one per {100 * spacing:g} cm voxel.",
+                      renderings.hero(*renderings.thinned(cloud, spacing)))
+    return _section("The reconstruction", "", picture)
+
+
+def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
+    coverage, battery = charts.coverage_curve(metrics["coverage"]), charts.battery_curves(data)
+    pair = "".join([
+        _section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
+                 _chart(coverage)) if coverage else "",
+        _section("Battery", "A dot per picture; a cross where a vehicle handed its views over.",
+                 _chart(battery)) if battery else ""])
+    space = charts.tours(data, cloud)
+    flown = _section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to zoom, "
+                     "click a name to hide or show it.", _chart(space)) if space else ""
+    who = tables.vehicles(data, metrics) + "<h3></h3>" + tables.outcomes(data) if data.tracks or data.views else ""
+    people = _section("Vehicles and views", "", who) if who else ""
+    return (f"<div class=two>{pair}</div>" if pair else "") + flown + people
+
+
+def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Reported) -> str:
+    if measured is None:
+        return ""
+    left = _section("Completeness (C2C)", "Distance from each sample of the true exposed surface to the nearest "
+                    "reconstructed point. Green counts as reconstructed.",
+                    _chart(charts.c2c_histogram(measured)) + tables.completeness(metrics, thesis))
+    spacing = 100 * metrics["c2m"]["resampled_m"]
+    right = _section("Accuracy (C2M)", f"Signed distance from each point of the cloud, resampled to {spacing:g} cm, to "
+                     "the true mesh. Green is within ±2 cm.",
+                     _chart(charts.c2m_histogram(measured)) + tables.accuracy(metrics, thesis))
+    return f"<div class=two>{left}{right}</div>"
+
+
+def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None) -> str:
+    if cloud is None:
+        return ""
+    shown, spacing = renderings.thinned(cloud, data.mission.reconstruct.cloud_spacing_m)
+    least = data.mission.reconstruct.min_confidence
+    stops = ", ".join(f"rgb{c}" for c in renderings.CONFIDENCE_STOPS)
+    scale = (f"{least}<span class=scale style='background:linear-gradient(90deg,{stops})'></span>"
+             "10 or more depth maps agree")
+    parts = ["<h3>In colour</h3>", _row(renderings.in_colour(shown, spacing)),
+             f"<h3>Confidence</h3><small>{scale}</small>", _row(renderings.by_confidence(shown, spacing, least))]
+    if measured is not None:
+        keys = "".join(f"<span class=key style='background:rgb{colour}'></span>{name}" for colour, name in (
+            (renderings.PRESENT_COLOUR, "reconstructed"), (renderings.PARTIAL_COLOUR, "25-50 cm away"),
+            (renderings.MISSING_COLOUR, "more than 50 cm away")))
+        parts += [f"<h3>Missing</h3><small>True surface by distance to the cloud:{keys}</small>",
+                  _row(renderings.missing(measured))]
+    return _section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
+
+
+def _pictures(data: RunData) -> str:
+    rows = [v for v in data.views if v.phase == "survey" and (data.run.root / v.path).is_file()]
+    if not rows:
+        return ""
+    chosen = [rows[int(i)] for i in np.linspace(0, len(rows) - 1, min(SAMPLE_PICTURES, len(rows)))]
+    figures = "".join(_figure(f"View {v.view_id}, UAV {v.vehicle_id}, {v.t_capture_s:.0f} s",
+                              _thumbnail(data, v.path), "JPEG") for v in chosen)
+    return _section("Survey pictures", f"{len(chosen)} of {len(rows)}.", f"<div class=three>{figures}</div>")
+
+
+def _thumbnail(data: RunData, path: str) -> Pixels:
+    picture = cv2.imread(str(data.run.root / path), cv2.IMREAD_COLOR)
+    if picture is None:
+        data.notes.append(f"{path} is not a readable picture.")
+        return np.full((9 * THUMBNAIL_PX // 16, THUMBNAIL_PX, 3), 200, dtype=np.uint8)
+    height = round(picture.shape[0] * THUMBNAIL_PX / picture.shape[1])
+    return np.asarray(cv2.resize(picture, (THUMBNAIL_PX, height), interpolation=cv2.INTER_AREA)[:, :, ::-1])
+
+
+def _machine(metrics: dict[str, Any]) -> str:
+    if not metrics["timing_s"] and not metrics["peak_memory_mib"]:
+        return ""
+    return _section("Time and memory on this machine", "", tables.resources(metrics))
+
+
+def _notes(metrics: dict[str, Any]) -> str:
+    items = "".join(f"<li>{escape(str(n))}</li>" for n in metrics["notes"])
+    return _section("Notes", "", f"<ul>{items}</ul>") if items else ""
+
+
+def _section(title: str, lead: str, content: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{f'<p class=soft>{escape(lead)}</p>' if lead else ''}{content}</section>"
+
+
+def _chart(figure: go.Figure) -> str:
+    options = {"displaylogo": False, "displayModeBar": False, "responsive": True}
+    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=options))
+
+
+def _row(pictures: list[tuple[str, Pixels]]) -> str:
+    return f"<div class=three>{''.join(_figure(name, picture) for name, picture in pictures)}</div>"
+
+
+def _figure(caption: str, picture: Pixels, kind: str = "PNG") -> str:
+    return (f"<figure><img src='{data_uri(picture, kind)}' alt='{escape(caption, quote=True)}'>"
+            f"<figcaption>{escape(caption)}</figcaption></figure>")

@@ -119,7 +119,7 @@ def read_run(run: RunFolder) -> RunData:
         raise UserError(f"{run.root}: mission.toml is missing; give the folder that 'swarmscan fly' made.")
     notes: list[str] = []
     flight = _json(run.flight, "flight.json is missing: no tours, batteries or reassignments are shown", notes)
-    referee = _json(run.root / "truth" / "referee.json",
+    referee = _json(run.referee,
                     "truth/referee.json is missing: collisions, clearances and coverage are unknown", notes)
     return RunData(run, load_mission(run.mission), read_views(run.views_csv), flight, referee,
                    _tracks(run.trajectories), notes)

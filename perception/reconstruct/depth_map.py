@@ -13,9 +13,14 @@ AGREE_PX = 1.0
 
 
 def depth_map(reference: Eye, partners: list[Eye], near_m: float, far_m: float) -> Map:
-    """(height, width) float32 depth in metres along the optical axis; 0 where no pair was trusted."""
+    """(height, width) float32 depth in metres along the optical axis; 0 where no pair was trusted, infinite in the sky.
+
+    The sky counts as seen: it tells that nothing floats before it, and that what was matched into it is no surface.
+    """
     pairs = [pair_depth(reference, partner, near_m, far_m) for partner in partners]
-    return merge_pairs([p for p in pairs if p is not None], reference.grey.shape)
+    depth = merge_pairs([p for p in pairs if p is not None], reference.grey.shape)
+    depth[reference.sky] = np.inf
+    return depth
 
 
 def merge_pairs(pairs: list[PairDepth], shape: tuple[int, ...]) -> Map:

@@ -21,7 +21,7 @@ NORMAL_STEP_PX = 3
 
 @dataclass(frozen=True)
 class PosedDepth:
-    """A depth map with its pose; all maps of a reconstruction share one camera."""
+    """A depth map with its pose; all maps of a reconstruction share one camera. 0 is unknown, infinity is open sky."""
 
     depth: Map
     enu_from_camera: Array
@@ -56,7 +56,7 @@ def _check_pixels(own: NDArray[np.float32], others: NDArray[np.float32], rotatio
     for v in range(own.shape[0]):
         for u in range(own.shape[1]):
             d = own[v, u]
-            if d <= 0.0:
+            if d <= 0.0 or d == np.inf:
                 continue
             x, y = (u + 0.5 - k[2]) / k[0] * d, (v + 0.5 - k[3]) / k[1] * d
             total, agree, behind = d, 1, 0

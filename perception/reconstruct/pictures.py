@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.camera import Camera
+from missions.camera import Camera, Pose
 from missions.errors import UserError
-from missions.frames import Array
+from missions.frames import Array, yaw_elevation_from_forward
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,12 @@ class SurveyPicture:
     def forward_enu(self) -> Array:
         """(3,) unit optical axis."""
         return np.asarray(self.enu_from_camera[:, 2])
+
+    @property
+    def pose(self) -> Pose:
+        """The same pose by its angles."""
+        e, n, u = (float(c) for c in self.position_enu_m)
+        return Pose((e, n, u), *yaw_elevation_from_forward(self.forward_enu))
 
     def camera_at(self, width_px: int) -> Camera:
         """Intrinsics of the picture when it is reduced to this width."""

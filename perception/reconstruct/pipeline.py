@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from missions.errors import UserError
 from missions.frames import Array
+from perception.depth.sky import sky_mask
 from perception.reconstruct.cloud import Cloud, on_grid, without_islands
 from perception.reconstruct.depth_map import depth_map
 from perception.reconstruct.fusion import PosedDepth, Support, normals_camera, points_camera, support
@@ -23,8 +24,11 @@ from perception.reconstruct.pairs import overlapping, stereo_partners
 from perception.reconstruct.pictures import SurveyPicture, grey, read_colour
 from perception.reconstruct.stereo import Eye
 
-METHOD = 1
+METHOD = 2
 """Raised whenever depth maps change for the same input, so that stored ones are not taken for new ones."""
+
+SKY_GROWTH_PX = 7
+"""The sky mask keeps away from edges, but just there matching spreads the structure into the sky: grow it back."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -118,7 +122,8 @@ def _depth_maps(pictures: list[SurveyPicture], settings: Settings, folder: Path,
 def _eye(picture: SurveyPicture, settings: Settings) -> Eye:
     colour = read_colour(picture, settings.depth_width_px)
     camera = picture.camera_at(settings.depth_width_px)
-    return Eye(grey(colour), camera, picture.enu_from_camera, picture.position_enu_m)
+    sky = cv2.dilate(sky_mask(colour, camera, picture.pose).astype(np.uint8), np.ones((SKY_GROWTH_PX, SKY_GROWTH_PX)))
+    return Eye(grey(colour), sky.astype(bool), camera, picture.enu_from_camera, picture.position_enu_m)
 
 
 def _save(path: Path, depth: NDArray[np.float32]) -> None:

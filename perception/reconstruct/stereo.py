@@ -20,17 +20,22 @@ Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 
 BLOCK_PX = 5
+UNIQUENESS_PERCENT = 10
+PATHS = cv2.StereoSGBM_MODE_SGBM
 MAX_DISPARITIES = 320
 MIN_DISPARITIES = 16
 COARSE_SCALE = 0.25
 BORDER_PX = 4
+MIN_COMMON_FORWARD = 0.5
+"""Two cameras that look the same way across their baseline sum to 2; below this they look apart or along it."""
 
 
 @dataclass(frozen=True)
 class Eye:
-    """A reduced grey picture with its intrinsics and pose."""
+    """A reduced grey picture with its open sky, intrinsics and pose."""
 
     grey: Image
+    sky: NDArray[np.bool_]
     camera: Camera
     enu_from_camera: Array
     position_enu_m: Array
@@ -89,6 +94,8 @@ def _rectify(reference: Eye, partner: Eye, scale: float, near_m: float, far_m: f
     x = step / baseline
     z = reference.enu_from_camera[:, 2] + partner.enu_from_camera[:, 2]
     z = z - (z @ x) * x
+    if np.linalg.norm(z) < MIN_COMMON_FORWARD:
+        return None
     z /= np.linalg.norm(z)
     rectified_from_enu = np.array([x, np.cross(z, x), z])
     focal = reference.camera.fx_px * scale
@@ -134,8 +141,8 @@ def _match(reference: Eye, partner: Eye, rectified: _Rectified) -> Map:
     right, right_inside = _warp(partner, rectified.partner_from_rectified, rectified.size_px, scale)
     matcher = cv2.StereoSGBM.create(
         minDisparity=0, numDisparities=rectified.disparities, blockSize=BLOCK_PX, P1=8 * BLOCK_PX**2,
-        P2=32 * BLOCK_PX**2, disp12MaxDiff=1, preFilterCap=31, uniquenessRatio=10,
-        speckleWindowSize=round(150 * scale) + 10, speckleRange=2, mode=cv2.StereoSGBM_MODE_SGBM)
+        P2=32 * BLOCK_PX**2, disp12MaxDiff=1, preFilterCap=31, uniquenessRatio=UNIQUENESS_PERCENT,
+        speckleWindowSize=round(150 * scale) + 10, speckleRange=2, mode=PATHS)
     disparity = matcher.compute(left, right).astype(np.float32) / 16.0
     valid = (disparity >= 0.0) & left_inside & _textured(left)
     columns = np.arange(rectified.size_px[0], dtype=np.float32)[None, :] - disparity

@@ -1,0 +1,77 @@
+"""The page's tables, as HTML."""
+
+from __future__ import annotations
+
+from collections import Counter
+from html import escape
+from typing import Any
+
+from ground_station.report.run_data import RunData
+from ground_station.report.thesis import Reported
+from ground_station.report.tiles import clock, millimetres, number, percent
+
+
+def table(head: list[str], rows: list[list[str]], numeric_from: int = 1) -> str:
+    """Rows of finished cells; columns from numeric_from on are set right."""
+    def line(cells: list[str], tag: str) -> str:
+        return "<tr>" + "".join(f'<{tag}{" class=n" if i >= numeric_from else ""}>{c}</{tag}>'
+                                for i, c in enumerate(cells)) + "</tr>"
+    return f"<table><thead>{line(head, 'th')}</thead><tbody>{''.join(line(r, 'td') for r in rows)}</tbody></table>"
+
+
+def completeness(metrics: dict[str, Any], thesis: Reported) -> str:
+    """C2C by threshold beside the thesis."""
+    rows = [[f"within {t} m", percent(v), percent(thesis.c2c_025) if t == "0.25" else ""]
+            for t, v in metrics["c2c"]["completeness"].items()]
+    return table(["True surface reconstructed", "this run", "thesis"], rows)
+
+
+def accuracy(metrics: dict[str, Any], thesis: Reported) -> str:
+    """C2M in the thesis's bins, without bins, and trimmed."""
+    c2m = metrics["c2m"]
+    variants = [("Eqs. 4.10-4.12, all points, 1 mm bins", c2m), ("the same without bins", c2m["exact"]),
+                (f"trimmed at 5 cm ({percent(c2m['trimmed_5cm']['share_kept'])} kept)", c2m["trimmed_5cm"])]
+    rows = [[name, millimetres(v["mean_m"]), millimetres(v["rms_m"]), percent(v["within_2cm"])] for name, v in variants]
+    rows.append(["thesis", millimetres(thesis.mean_m), millimetres(thesis.rms_m), percent(thesis.within_2cm)])
+    return table(["Cloud against true mesh", "mean", "RMS", "within ±2 cm"], rows)
+
+
+def vehicles(data: RunData, metrics: dict[str, Any]) -> str:
+    """Who flew what."""
+    changes = data.flight.get("reassignments") or []
+    fleet = metrics["fleet"]
+    ids = sorted({t.vehicle_id for t in data.tracks} | {v.vehicle_id for v in data.views})
+    rows = []
+    for k in ids:
+        phases = Counter(v.phase for v in data.views if v.vehicle_id == k)
+        rows.append([f"UAV {k}", str(phases["explore"]), str(phases["survey"]),
+                     str(sum(c["from"] == k for c in changes)), str(sum(c["to"] == k for c in changes)),
+                     number((fleet["path_m"] or {}).get(str(k)), "{:,.0f} m"),
+                     number((fleet["battery_end_percent"] or {}).get(str(k)), "{:.1f} %")])
+    return table(["Vehicle", "exploration pictures", "survey pictures", "views handed over", "views taken over",
+                  "path", "battery at the end"], rows)
+
+
+def outcomes(data: RunData) -> str:
+    """How many survey views ended how, and which ones were not flown."""
+    found = data.flight.get("outcomes") or {}
+    rows = []
+    for outcome, count in Counter(found.values()).most_common():
+        ids = sorted((int(i) for i, o in found.items() if o == outcome), key=int) if outcome != "flown" else []
+        listed = ", ".join(map(str, ids[:30])) + (" ..." if len(ids) > 30 else "")
+        rows.append([escape(outcome), str(count), escape(listed)])
+    return table(["Outcome of survey views", "views", "view ids"], rows) if rows else ""
+
+
+def resources(metrics: dict[str, Any]) -> str:
+    """Seconds by phase and memory by process, with bars."""
+    return (_bars("Phase", "wall time", metrics["timing_s"], clock) + "<h3></h3>"
+            + _bars("Process", "peak memory", metrics["peak_memory_mib"], lambda v: number(v, "{:,.0f} MiB")))
+
+
+def _bars(what: str, measure: str, values: dict[str, float | None], form: Any) -> str:
+    most = max((v for v in values.values() if v), default=1.0)
+    rows = [[escape(name), f'<span class=bar style="width:{180 * (v or 0) / most:.0f}px"></span>', form(v)]
+            for name, v in values.items()]
+    known = [v for v in values.values() if v is not None]
+    return table([what, "", measure], [*rows, ["<b>all</b>", "", f"<b>{form(sum(known))}</b>"]], numeric_from=2)
