@@ -25,7 +25,9 @@ SAMPLE_M = 0.05
 PAD_COLUMN_M = 1.5
 """Within this horizontal distance of its own pad a vehicle takes off and lands."""
 PAD_CONTACT_M = 1.0
-"""In the column, up to this height above the parked position, nearness to the ground is no collision."""
+"""Up to this height above the parked position, nearness to the ground is no collision in the column."""
+SINKING_M_S = 0.2
+"""Who moves slower than this over ground takes off or lands straight: an emergency landing makes its own column."""
 PAD_HEIGHT_M = 3.0
 """In the column, up to this height above the parked position, clearance is not counted."""
 BATCH_NS = 5 * SECOND_NS
@@ -109,9 +111,11 @@ class Referee:
         distance = self._truth.distance(position, t)
         aside = np.linalg.norm(position[:, :2] - track.pad_enu_m[:2], axis=1) > PAD_COLUMN_M
         height = position[:, 2] - track.pad_enu_m[2]
+        drift = np.linalg.norm(np.diff(position[:, :2], axis=0, prepend=position[:1, :2]), axis=1)
+        straight = drift < SINKING_M_S * self._step_ns / SECOND_NS
         free = aside | (height > PAD_HEIGHT_M)
         self.min_clearance_m = min(self.min_clearance_m, float(distance[free].min(initial=math.inf)))
-        touching = (distance < self._fleet.radius_m) & (aside | (height > PAD_CONTACT_M))
+        touching = (distance < self._fleet.radius_m) & ((aside & ~straight) | (height > PAD_CONTACT_M))
         if touching.any() or track.touching:  # flight deep inside a solid goes on with the event that led there
             touching |= ~touching & free & self._truth.inside(position)
         for k in _onsets(touching, track.touching):

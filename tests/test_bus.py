@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -21,9 +23,13 @@ WAIT_S = 5.0
 
 
 @pytest.fixture
-def buses() -> Iterator[tuple[Bus, Bus, Bus]]:
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def buses(endpoint: str) -> Iterator[tuple[Bus, Bus, Bus]]:
     """A router and two clients."""
-    endpoint = free_endpoint()
     with (Bus("bridge", "test", listen=endpoint) as router, Bus("a", "test", connect=endpoint) as a,
           Bus("b", "test", connect=endpoint) as b):
         yield router, a, b
@@ -144,6 +150,30 @@ def test_a_poll_can_be_woken(buses: tuple[Bus, Bus, Bus]) -> None:
 
     a.poll(until=asked_twice, timeout_s=WAIT_S)
     assert time.monotonic() - begin < WAIT_S
+
+
+BUSY = """
+import ctypes, sys
+from missions.bus import Bus
+from missions.topics import MAVLINK_DOWN
+with Bus("busy", "test", connect=sys.argv[1]) as bus:
+    bus.subscribe(MAVLINK_DOWN)
+    bus.announce_alive()
+    ctypes.PyDLL(None).usleep(6_000_000)  # keeps the interpreter's lock
+    got = bus.collect({MAVLINK_DOWN.key("test", 1): 100})
+    print(len(got), flush=True)
+"""
+
+
+@pytest.mark.loopback
+def test_a_process_that_computes_for_seconds_loses_nothing(buses: tuple[Bus, Bus, Bus], endpoint: str) -> None:
+    _, a, _ = buses
+    process = subprocess.Popen([sys.executable, "-c", BUSY, endpoint], stdout=subprocess.PIPE)
+    a.wait_alive({"busy"}, 20.0)
+    for _ in range(100):
+        a.publish(topics.MAVLINK_DOWN, MavlinkFrames(frames=[b"x" * 400_000]), 1)
+    assert "busy" in a.alive()
+    assert process.communicate(timeout=60)[0].strip() == b"100"
 
 
 def test_only_the_given_loopback_endpoint_is_open() -> None:

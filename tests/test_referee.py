@@ -131,6 +131,15 @@ def test_touching_the_ground_away_from_the_pad_is_a_collision() -> None:
     assert len(referee.collision_events) == 1
 
 
+def test_an_emergency_landing_straight_down_is_no_collision_but_one_on_the_structure_is() -> None:
+    ground = straight(np.array([20.0, 0.0, 8.0]), np.array([20.0, 0.0, 0.1]), 1.0)
+    referee = judge([parked(), *ground])
+    assert referee.collision_events == []
+    assert referee.min_clearance_m == pytest.approx(0.1, abs=0.02)
+    roof = straight(np.array([0.0, 0.0, 20.0]), np.array([0.0, 0.0, 14.1]), 1.0)
+    assert len(judge([parked(), *roof]).collision_events) == 1
+
+
 def test_what_stands_on_the_ground_does_not_collide() -> None:
     spot = np.array([20.0, 0.0, 0.1])
     standing = [state(0.1 * k, spot, np.zeros(3), flying=False) for k in range(100)]
