@@ -43,6 +43,15 @@ class _Draw:
 
 
 @dataclass(frozen=True)
+class _Uploaded:
+    """Geometry on the driver's side: draw calls, the vertex array that casts shadows, and all there is to free."""
+
+    draws: list[_Draw]
+    caster: Any
+    owned: list[Any]
+
+
+@dataclass(frozen=True)
 class _Target:
     """Where a picture is drawn, the same as a texture, and where it is averaged down to its size."""
 
@@ -57,16 +66,14 @@ class EglRenderer:
     def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
         """Raises EglUnavailableError."""
         self._context = _make_context()
-        self._context.gc_mode = "auto"
         self._ground_up_m = scene.ground_up_m
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
         self._light = make_light(spec, seed)
         self._shadow_frame = fit_shadow(scene, self._light.to_sun_enu)
         self._make_programs()
-        self._scene_draws, self._scene_caster = self._upload(geometry_of(scene.parts))
+        self._scene = self._upload(geometry_of(scene.parts))
         self._boxes: tuple[Box, ...] = ()
-        self._box_draws: list[_Draw] = []
-        self._box_caster: Any = None
+        self._obstacles = self._upload(boxes_geometry(()))
         self._targets: dict[tuple[int, int], _Target] = {}
         self._draw_shadow()
 
@@ -77,12 +84,17 @@ class EglRenderer:
 
     def render(self, camera: Camera, pose: Pose, boxes: Sequence[Box], noise_key: int) -> Bytes:
         """(height, width, 3) uint8 RGB."""
-        self._set_boxes(boxes)
-        self._set_camera(camera, pose)
-        target = self._target(camera.width_px, camera.height_px)
+        with self._context:
+            self._set_boxes(boxes)
+            self._set_camera(camera, pose)
+            rgb = self._draw(self._target(camera.width_px, camera.height_px))
+        self._noise.add_to(rgb, noise_key)
+        return rgb
+
+    def _draw(self, target: _Target) -> Bytes:
         target.drawn.use()
         target.drawn.clear(depth=1.0)
-        for draw in [*self._scene_draws, *self._box_draws]:
+        for draw in [*self._scene.draws, *self._obstacles.draws]:
             if draw.texture is not None:
                 draw.texture.use(PICTURE_UNIT)
             draw.vertex_array.render(first=draw.first, vertices=draw.count)
@@ -90,9 +102,9 @@ class EglRenderer:
         target.picture.use(PICTURE_UNIT)
         target.averaged.use()
         self._average.render(vertices=3)
-        rgb = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
+        width, height = target.averaged.size
+        rgb = np.empty((height, width, 3), np.uint8)
         target.averaged.read_into(rgb, components=3, alignment=1)
-        self._noise.add_to(rgb, noise_key)
         return rgb
 
     def close(self) -> None:
@@ -141,14 +153,13 @@ class EglRenderer:
         self._shadow_target = c.framebuffer(depth_attachment=self._shadow_map)
         self._shared = (volume, dome)
 
-    def _upload(self, geometry: Geometry) -> tuple[list[_Draw], Any]:
-        """Draw calls and the vertex array that casts shadows."""
+    def _upload(self, geometry: Geometry) -> _Uploaded:
         if not len(geometry.faces):
-            return [], None
+            return _Uploaded([], None, [])
         c = self._context
-        positions = c.buffer(geometry.positions_enu_m.tobytes())
-        uv, color = c.buffer(geometry.uv.tobytes()), c.buffer(geometry.color.tobytes())
-        faces = c.buffer(geometry.faces.tobytes())
+        buffers = [c.buffer(np.ascontiguousarray(array))
+                   for array in (geometry.positions_enu_m, geometry.color, geometry.uv, geometry.faces)]
+        positions, color, uv, faces = buffers
         plain = [(positions, "3f", "in_position"), (color, "4f1", "in_color")]
         arrays = [c.vertex_array(self._programs[0], plain, faces),
                   c.vertex_array(self._programs[1], [*plain, (uv, "2f", "in_uv")], faces)]
@@ -156,7 +167,8 @@ class EglRenderer:
         draws = [_Draw(arrays[batch.texture is not None], 3 * batch.first_face, 3 * batch.face_count,
                        None if batch.texture is None else self._upload_texture(batch.texture))
                  for batch in geometry.batches]
-        return draws, caster
+        textures = [draw.texture for draw in draws if draw.texture is not None]
+        return _Uploaded(draws, caster, [caster, *arrays, *buffers, *textures])
 
     def _upload_texture(self, texture: Bytes) -> Any:
         h, w = texture.shape[:2]
@@ -168,15 +180,17 @@ class EglRenderer:
     def _draw_shadow(self) -> None:
         self._shadow_target.use()
         self._shadow_target.clear(depth=1.0)
-        for caster in (self._scene_caster, self._box_caster):
-            if caster is not None:
-                caster.render()
+        for uploaded in (self._scene, self._obstacles):
+            if uploaded.caster is not None:
+                uploaded.caster.render()
 
     def _set_boxes(self, boxes: Sequence[Box]) -> None:
         wanted = tuple((tuple(center), tuple(size)) for center, size in boxes)
         if wanted != self._boxes:
             self._boxes = wanted
-            self._box_draws, self._box_caster = self._upload(boxes_geometry(wanted))
+            for owned in self._obstacles.owned:
+                owned.release()
+            self._obstacles = self._upload(boxes_geometry(wanted))
             self._draw_shadow()
 
     def _set_camera(self, camera: Camera, pose: Pose) -> None:
