@@ -106,6 +106,7 @@ def test_open_tour_is_the_best_cut_of_the_round_trip(seed: int, views: int) -> N
 
 
 @given(st.lists(st.floats(0.0, 500.0), max_size=20), st.floats(0.0, 100.0), st.floats(0.0, 1.0))
+@settings(deadline=None)
 def test_forecast_is_algorithm_1(legs: list[float], start: float, rate: float) -> None:
     distance, level = [0.0], [start]
     for delta in legs:

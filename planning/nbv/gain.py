@@ -25,7 +25,7 @@ from planning.nbv.lattice import Lattice, in_view
 from planning.nbv.rays import mark_rays, view_gains
 
 RAYS = 2048
-PASSED, OUTSIDE, INSIDE, FRONTIER, SEEN_ONCE, SEEN_TWICE, SOLID = range(7)
+PASSED, OUTSIDE, PASSAGE, INSIDE, FRONTIER, SEEN_ONCE, SEEN_TWICE, SOLID = range(8)
 KINDS = 8
 LOOKS_MAX = 7
 
@@ -42,6 +42,8 @@ class GainSpec:
     """Chance that an unknown voxel beside known surface is surface."""
     unknown_value: float = 0.6
     """Worth of a square metre that is expected in open unknown space, where no surface is near."""
+    passage_value: float = 0.02
+    """Worth of a square metre across unknown space outside the box where cameras may stand: it opens the way."""
     again_value: tuple[float, float] = (0.2, 0.1)
     """Worth of a square metre of surface that one picture, or two, have measured."""
     look_discount: float = 0.5
@@ -53,7 +55,7 @@ class GainSpec:
 
 @dataclass(frozen=True)
 class GainField:
-    """The map as rays read it: label = kind + KINDS * looks for every voxel, and the box in which surface counts."""
+    """The map as rays read it: label = kind + KINDS * looks for every voxel, and the box in which views gain."""
 
     grid: VoxelGrid
     label: NDArray[np.uint8]
@@ -66,7 +68,7 @@ class GainField:
         """(256,) probability that a voxel with this label stops a ray."""
         voxel, spec = self.grid.voxel_m, self.spec
         kinds = np.zeros(KINDS)
-        kinds[OUTSIDE] = 1.0 - math.exp(-spec.outside_per_m * voxel)
+        kinds[[OUTSIDE, PASSAGE]] = 1.0 - math.exp(-spec.outside_per_m * voxel)
         kinds[INSIDE] = 1.0 - math.exp(-spec.unknown_per_m * voxel)
         kinds[FRONTIER] = spec.frontier_chance
         kinds[[SEEN_ONCE, SEEN_TWICE, SOLID]] = 1.0
@@ -76,7 +78,7 @@ class GainField:
     def value(self) -> Array:
         """(256,) worth of a stopped ray by label; nothing once LOOKS_MAX is reached."""
         kinds = np.zeros(KINDS)
-        kinds[INSIDE], kinds[FRONTIER] = self.spec.unknown_value, 1.0
+        kinds[PASSAGE], kinds[INSIDE], kinds[FRONTIER] = self.spec.passage_value, self.spec.unknown_value, 1.0
         kinds[SEEN_ONCE], kinds[SEEN_TWICE] = self.spec.again_value
         looks = self.spec.look_discount ** np.arange(256 // KINDS)
         looks[LOOKS_MAX:] = 0.0
@@ -84,11 +86,13 @@ class GainField:
 
 
 def gain_field(grid: VoxelGrid, surface: SurfaceVoxels, object_min_enu_m: Array, object_max_enu_m: Array,
-               spec: GainSpec, looks: NDArray[np.uint8] | None = None) -> GainField:
+               spec: GainSpec, looks: NDArray[np.uint8] | None = None,
+               camera_bounds_enu_m: tuple[Array, Array] | None = None) -> GainField:
     """Label every voxel for ray casting.
 
     The box is grown by a voxel sideways and upwards, not into the ground. looks: grid-shaped count of earlier views
-    that ought to have shown each voxel (see `count_looks`), or None.
+    that ought to have shown each voxel (see `count_looks`), or None. camera_bounds_enu_m: (lower, upper) of where
+    cameras may stand, when views shall also open the way there.
     """
     lower = np.asarray(object_min_enu_m, dtype=np.float64) - np.array([1.0, 1.0, 0.0]) * grid.voxel_m
     upper = np.asarray(object_max_enu_m, dtype=np.float64) + grid.voxel_m
@@ -96,6 +100,9 @@ def gain_field(grid: VoxelGrid, surface: SurfaceVoxels, object_min_enu_m: Array,
     box = _box(grid, lower, upper)
     unknown, solid = grid.state == UNKNOWN, grid.state == OCCUPIED
     kind[unknown] = OUTSIDE
+    if camera_bounds_enu_m is not None:
+        around = kind[_box(grid, *camera_bounds_enu_m)]
+        around[around == OUTSIDE] = PASSAGE
     kind[solid] = SOLID
     near = ndimage.binary_dilation(solid[box], np.ones((3, 3, 3), dtype=bool))
     inside = kind[box]
@@ -106,6 +113,8 @@ def gain_field(grid: VoxelGrid, surface: SurfaceVoxels, object_min_enu_m: Array,
     inside[solid[box] & (seen == 2)] = SEEN_TWICE
     if looks is not None:
         kind += KINDS * np.minimum(looks, LOOKS_MAX - 1).astype(np.uint8) * (grid.state != FREE)
+    if camera_bounds_enu_m is not None:
+        lower, upper = np.minimum(lower, camera_bounds_enu_m[0]), np.maximum(upper, camera_bounds_enu_m[1])
     return GainField(grid, kind, lower, upper, spec)
 
 
