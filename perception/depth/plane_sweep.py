@@ -21,7 +21,7 @@ from perception.depth import semi_global
 from perception.depth.depth_map import DepthMap, Image
 from perception.depth.sky import sky_mask
 
-COST_SCALE = 100.0
+COST_SCALE = 250.0
 CHUNK = 16
 """Planes warped at once: small enough for the cache."""
 
@@ -33,17 +33,19 @@ class SweepSettings:
     shrink: int = 2
     """The volume has the picture's resolution divided by this."""
     nearest_m: float = 1.5
-    max_planes: int = 144
+    max_planes: int = 128
     window_px: int = 5
-    max_cost: float = 0.5
+    max_cost: float = 0.4
     """Largest 1 - ZNCC at the winning plane."""
+    unseen_cost: float = 0.4
+    """Cost of a plane where a source does not see it: the surface may lie there, so a doubtful match must not win."""
     max_ratio: float = 0.93
     """Largest ratio of the best cost to the best cost elsewhere on the ray."""
     min_texture_dn: float = 1.5
     """Smallest standard deviation of grey in the window; noise alone is weaker."""
     sigma_px: float = 0.35
     """Standard deviation of matching, in pixels of the volume."""
-    threads: int = 3
+    threads: int = 1
     device: str = "cpu"
 
 
@@ -123,20 +125,33 @@ def _texture(gray: Image, window_px: int) -> Image:
 
 
 def _cost_volume(target: Frame, sources: list[Frame], planes: Image, settings: SweepSettings) -> NDArray[np.int16]:
-    """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE."""
+    """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE.
+
+    Planes go through in chunks, all sources of a chunk at once, so that everything but the result stays in the cache.
+    """
     device = torch.device(settings.device)
-    kept = (len(sources) + 1) // 2
+    kept, rim = (len(sources) + 1) // 2, settings.window_px // 2
+    h, w = target.gray.shape
     with torch.inference_mode():
+        volume = torch.full((h, w, len(planes)), int(COST_SCALE), dtype=torch.int16, device=device)
         reference = _normalised(torch.from_numpy(target.gray).to(device)[None], settings.window_px)
-        best: list[torch.Tensor] = []
-        for source in sources:
-            best = _keep_smallest(best, _source_cost(reference, target, source, planes, settings), kept)
-        mean = torch.stack(best).mean(dim=0) if kept > 1 else best[0]
-        rim = settings.window_px // 2
-        inner = mean.mul_(COST_SCALE).round_().to(torch.int16)
-        volume = functional.pad(inner, (rim, rim, rim, rim), value=int(COST_SCALE)).permute(1, 2, 0).contiguous()
+        views = [_view(target, source, device) for source in sources]
+        for first in range(0, len(planes), CHUNK):
+            chunk = torch.from_numpy(planes[first : first + CHUNK]).to(device)
+            best: list[torch.Tensor] = []
+            for view in views:
+                best = _keep_smallest(best, _source_cost(reference, view, chunk, settings), kept)
+            mean = torch.stack(best).mean(dim=0).mul_(COST_SCALE).round_().to(torch.int16)
+            volume[rim : h - rim, rim : w - rim, first : first + len(chunk)] = mean.permute(1, 2, 0)
     result: NDArray[np.int16] = volume.cpu().numpy()
     return result
+
+
+def _view(target: Frame, source: Frame, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """A source on the device: its grey (1, 1, h, w) and its epipolar terms."""
+    a, b = _epipolar_terms(target, source)
+    gray = torch.from_numpy(source.gray).to(device)[None, None]
+    return gray, torch.from_numpy(a).to(device), torch.from_numpy(b).to(device)
 
 
 def _keep_smallest(kept: list[torch.Tensor], new: torch.Tensor, count: int) -> list[torch.Tensor]:
@@ -165,34 +180,30 @@ def _window_mean(image: torch.Tensor, window_px: int) -> torch.Tensor:
     return total.mul_(1.0 / window_px**2)
 
 
-def _source_cost(reference: tuple[torch.Tensor, torch.Tensor, torch.Tensor], target: Frame, source: Frame,
-                 planes: Image, settings: SweepSettings) -> torch.Tensor:
-    """(planes, h - window + 1, w - window + 1) 1 - ZNCC against one source; 1 where it does not see the point."""
-    device = torch.device(settings.device)
-    a, b = (torch.from_numpy(term).to(device) for term in _epipolar_terms(target, source))
-    gray = torch.from_numpy(source.gray).to(device)[None, None]
+def _source_cost(reference: tuple[torch.Tensor, torch.Tensor, torch.Tensor],
+                 view: tuple[torch.Tensor, torch.Tensor, torch.Tensor], planes: torch.Tensor,
+                 settings: SweepSettings) -> torch.Tensor:
+    """(planes, h - window + 1, w - window + 1) 1 - ZNCC against one source."""
     image, mean, inverse_deviation = reference
+    gray, a, b = view
     rim = settings.window_px // 2
-    chunks = []
-    for w in torch.split(torch.from_numpy(planes).to(device), CHUNK):
-        grid, seen = _sampling_grid(a, b, w, source.camera)
-        warped = functional.grid_sample(gray.expand(len(w), 1, -1, -1), grid, padding_mode="border",
-                                        align_corners=False)[:, 0]
-        _, other_mean, other_inverse = _normalised(warped, settings.window_px)
-        covariance = _window_mean(warped * image, settings.window_px).sub_(other_mean * mean)
-        cost = covariance.mul_(inverse_deviation).mul_(other_inverse).neg_().add_(1.0)
-        chunks.append(cost.masked_fill_(~seen[:, rim:-rim, rim:-rim], 1.0))
-    return torch.cat(chunks)
+    grid, seen = _sampling_grid(a, b, planes, gray.shape[-1], gray.shape[-2])
+    warped = functional.grid_sample(gray.expand(len(planes), 1, -1, -1), grid, padding_mode="border",
+                                    align_corners=False)[:, 0]
+    _, other_mean, other_inverse = _normalised(warped, settings.window_px)
+    covariance = _window_mean(warped * image, settings.window_px).sub_(other_mean * mean)
+    cost = covariance.mul_(inverse_deviation).mul_(other_inverse).neg_().add_(1.0)
+    return cost.masked_fill_(~seen[:, rim:-rim, rim:-rim], settings.unseen_cost)
 
 
-def _sampling_grid(a: torch.Tensor, b: torch.Tensor, w: torch.Tensor,
-                   camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+def _sampling_grid(a: torch.Tensor, b: torch.Tensor, w: torch.Tensor, width_px: int,
+                   height_px: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Where planes w (n,) lie in a source: (n, h, w, 2) in [-1, 1], and which pixels fall inside it."""
     w = w[:, None, None]
     z = a[2] + b[2] * w
     inverse_z = z.clamp_min(1e-3).reciprocal_()
     grid = torch.empty((*z.shape, 2), device=z.device)
-    for axis, size in enumerate((camera.width_px, camera.height_px)):
+    for axis, size in enumerate((width_px, height_px)):
         grid[..., axis] = (a[axis] + b[axis] * w).mul_(inverse_z).mul_(2.0 / size).sub_(1.0)
     seen = (grid[..., 0].abs() < 1.0) & (grid[..., 1].abs() < 1.0) & (z > 0.1)
     return grid, seen

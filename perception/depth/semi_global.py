@@ -10,8 +10,8 @@ from perception.depth.depth_map import Image
 
 Volume = NDArray[np.int16]
 
-SMALL_JUMP = 12
-LARGE_JUMP = 60
+SMALL_JUMP = 30
+LARGE_JUMP = 150
 
 
 def aggregate(cost: Volume, gray: Image) -> Volume:
@@ -50,7 +50,7 @@ def _step(cost: Volume, previous: Volume, jump: int, out: Volume) -> None:
 
 @compiled
 def _jump(a: float, b: float) -> int:
-    return max(SMALL_JUMP + 8, int(LARGE_JUMP / (1.0 + abs(a - b) * 0.1)))
+    return max(SMALL_JUMP + 20, int(LARGE_JUMP / (1.0 + abs(a - b) * 0.1)))
 
 
 @compiled

@@ -37,7 +37,7 @@ def trace(start: Array, directions: Array, free_until: Array, ray_area: Array,
             if next_t[2] < next_t[axis]:
                 axis = 2
             end = next_t[axis]
-            if end > leave:
+            if end > free_until[ray]:
                 break
             index = (cell[0] * shape[1] + cell[1]) * shape[2] + cell[2]
             middle = 0.5 * (t + end)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,11 +39,13 @@ class ExplorerMap:
     """Pictures with poses in, voxel map out. Deterministic: the same calls give the same map."""
 
     def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float, map_settings: MapSettings | None = None,
-                 sweep_settings: SweepSettings | None = None, sources: int = 4, min_sources: int = 2) -> None:
+                 sweep_settings: SweepSettings | None = None, sources: int = 4, min_sources: int = 2,
+                 workers: int = 3) -> None:
         self.voxels = VoxelMap(lower_enu_m, upper_enu_m, voxel_m, map_settings)
         self._sweep = sweep_settings or SweepSettings()
         self._count, self._least = sources, min_sources
         self._pictures: list[_Picture] = []
+        self._workers = ThreadPoolExecutor(workers)
 
     def add_picture(self, rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> int:
         """Takes a picture (h, w, 3) in; returns its index. Nothing is mapped before `update`."""
@@ -53,10 +56,14 @@ class ExplorerMap:
 
     def update(self) -> list[int]:
         """Maps every picture that has enough sources by now; indices of pictures mapped or mapped anew."""
-        done = [i for i in range(len(self._pictures)) if self._estimate(i)]
-        for i in done:
+        work = [(i, sources) for i in range(len(self._pictures)) if (sources := self._new_sources(i))]
+        frames = [(self._pictures[i].frame, [self._pictures[k].frame for k in sources]) for i, sources in work]
+        depths = self._workers.map(lambda pair: estimate(pair[0], pair[1], self._sweep), frames)
+        for (i, _), depth in zip(work, depths, strict=True):
+            self._pictures[i].depth = depth
+        for i, _ in work:
             self._integrate(i)
-        return done
+        return [i for i, _ in work]
 
     def depth(self, index: int) -> DepthMap | None:
         """What was integrated for a picture, if anything."""
@@ -78,22 +85,21 @@ class ExplorerMap:
         """Share of the surface in a box believed to be mapped, from the map alone."""
         return predicted_coverage(self.grid(), lower_enu_m, upper_enu_m)
 
-    def _estimate(self, index: int) -> bool:
-        """Depth of one picture if it has none yet, or a much better one can be had."""
+    def _new_sources(self, index: int) -> list[int]:
+        """Sources for a picture that has no depth yet, or that can have a much better one; else nothing."""
         picture = self._pictures[index]
         if picture.estimates >= 2:
-            return False
+            return []
         near = self._near(index)
         poses = [self._pictures[i].frame.pose for i in near]
         chosen = choose_sources(picture.frame.pose, poses, picture.frame.camera, self._count)
         if len(chosen) < self._least:
-            return False
+            return []
         score = float(source_scores(picture.frame.pose, [poses[i] for i in chosen], picture.frame.camera).sum())
         if picture.estimates == 1 and score < BETTER * picture.score:
-            return False
-        picture.depth = estimate(picture.frame, [self._pictures[near[i]].frame for i in chosen], self._sweep)
+            return []
         picture.score, picture.estimates = score, picture.estimates + 1
-        return True
+        return [near[i] for i in chosen]
 
     def _integrate(self, index: int) -> None:
         """Checks a new depth map against its neighbours and puts it into the map in place of an older one."""

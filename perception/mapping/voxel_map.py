@@ -30,15 +30,15 @@ class MapSettings:
     min_confidence: float = 0.1
     """Least confidence of a pixel that makes surface."""
     min_hit_pixels: int = 2
-    """Pixels of one picture that a voxel needs to count as hit by it."""
-    min_swept: float = 0.5
+    """Pixels of one picture that a voxel needs to count as hit by it; fewer only count against free."""
+    min_swept: float = 0.4
     """Share of a voxel's cross-section that one picture must sweep to count as seeing it free."""
-    free_pictures: int = 1
-    """Pictures that a free voxel needs."""
+    free_swept: float = 1.0
+    """Cross-sections, summed over pictures with at most one each, that must be swept to call a voxel free."""
     occupied_pictures: int = 2
     """Hit pictures that an occupied voxel needs ..."""
     occupied_share: float = 0.2
-    """... and their share of all pictures that measured it."""
+    """... and the share, of all pictures that measured it, of those with a point in it."""
     erase_share: float = 0.08
     """A voxel once hit becomes free only when the share of hits is below this."""
 
@@ -54,10 +54,13 @@ class VoxelMap:
         size = int(np.prod(shape))
         self.free_pictures = np.zeros(shape, np.int32)
         self.hit_pictures = np.zeros(shape, np.int32)
+        self.touched_pictures = np.zeros(shape, np.int32)
+        """Pictures with at least one measured point in the voxel; too few for a surface, but enough to doubt free."""
         self.hit_pixels = np.zeros(shape, np.int32)
         self._declared_free = np.zeros(shape, np.bool_)
         self._offset_sum = np.zeros((size, 3), np.int64)
         self._view_sum = np.zeros((size, 3), np.int64)
+        self._free_area = np.zeros(shape, np.int32)
         self._swept = np.zeros(shape, np.int32)
         self._touched = np.zeros(size, np.int64)
 
@@ -72,11 +75,7 @@ class VoxelMap:
         origin, voxel = self._blank.origin_enu_m, self._blank.voxel_m
         count = carving.trace((start - origin) / voxel, direction[use], reach[use] / voxel, area,
                               self._swept, self._touched)
-        touched = self._touched[:count]
-        swept = self._swept.reshape(-1)
-        free = touched[swept[touched] >= self.settings.min_swept * carving.AREA_UNIT]
-        swept[touched] = 0
-        self.free_pictures.reshape(-1)[free[~np.isin(free, hit)]] += sign
+        self._add_free(self._touched[:count], hit, sign)
 
     def mark_free(self, lower_enu_m: Array, upper_enu_m: Array) -> None:
         """Declares every voxel that touches the box free: a take-off column, a place flown through."""
@@ -87,10 +86,10 @@ class VoxelMap:
     def grid(self) -> VoxelGrid:
         """The map as planning sees it."""
         s = self.settings
-        measured = self.hit_pictures + self.free_pictures
-        share = self.hit_pictures / np.maximum(measured, 1)
+        share = self.touched_pictures / np.maximum(self.touched_pictures + self.free_pictures, 1)
         occupied = (self.hit_pictures >= s.occupied_pictures) & (share >= s.occupied_share)
-        free = (self.free_pictures >= s.free_pictures) & ((self.hit_pictures == 0) | (share < s.erase_share))
+        free = self._free_area >= s.free_swept * carving.AREA_UNIT
+        free &= share < s.erase_share
         state = np.where(occupied, OCCUPIED, np.where(free | self._declared_free, FREE, 0)).astype(np.uint8)
         return VoxelGrid(self._blank.origin_enu_m, self._blank.voxel_m, state)
 
@@ -114,6 +113,15 @@ class VoxelMap:
         result: Array = np.where(depth.valid.reshape(-1), seen, np.where(depth.sky.reshape(-1), s.sky_range_m, 0.0))
         return result
 
+    def _add_free(self, touched: NDArray[np.int64], hit: NDArray[np.int64], sign: int) -> None:
+        """Adds what one picture swept, except in voxels that it hit, and clears the scratch array."""
+        swept = self._swept.reshape(-1)
+        area = np.minimum(swept[touched], carving.AREA_UNIT)
+        swept[touched] = 0
+        counts = (area >= self.settings.min_swept * carving.AREA_UNIT) & ~np.isin(touched, hit)
+        self.free_pictures.reshape(-1)[touched[counts]] += sign
+        self._free_area.reshape(-1)[touched[counts]] += sign * area[counts]
+
     def _add_hits(self, depth: DepthMap, start: Array, direction: Array, forward: Array,
                   sign: int) -> NDArray[np.int64]:
         """Sums up the measured points; flat indices of the voxels that this picture hit."""
@@ -132,9 +140,10 @@ class VoxelMap:
             for axis in range(3):
                 total[voxels, axis] += sign * np.bincount(inverse, quantised[:, axis], len(voxels)).astype(np.int64)
         self.hit_pixels.reshape(-1)[voxels] += sign * pixels.astype(np.int32)
-        hit: NDArray[np.int64] = voxels[pixels >= s.min_hit_pixels]
-        self.hit_pictures.reshape(-1)[hit] += sign
-        return hit
+        self.hit_pictures.reshape(-1)[voxels[pixels >= s.min_hit_pixels]] += sign
+        self.touched_pictures.reshape(-1)[voxels] += sign
+        result: NDArray[np.int64] = voxels
+        return result
 
 
 def _rays(depth: DepthMap) -> tuple[Array, Array]:

@@ -1,0 +1,158 @@
+"""Plane sweep, sources, sky and consistency, on pictures whose depth is known exactly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from missions.camera import Pose
+from perception.depth.consistency import votes
+from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
+from perception.depth.sky import sky_mask
+from perception.depth.sources import MIN_SPACING_M, choose_sources, source_scores
+from tests.depth_scene import CAMERA, exact_depth_map, halved, wall_picture
+
+NORTH = math.pi / 2
+
+
+def _frames(poses: list[Pose], **wall: float) -> tuple[list[Frame], list[np.ndarray]]:
+    pictures = [wall_picture(pose, noise_seed=i, **wall) for i, pose in enumerate(poses)]
+    return [make_frame(rgb, CAMERA, p) for (rgb, _), p in zip(pictures, poses, strict=True)], [d for _, d in pictures]
+
+
+def _sideways(distance_m: float, yaw: float = NORTH) -> list[Pose]:
+    return [Pose((x, -distance_m, 5.0), yaw, 0.0) for x in (0.0, -1.5, -0.75, 0.75, 1.5)]
+
+
+@pytest.mark.parametrize(("distance_m", "yaw"), [(4.0, NORTH), (6.0, NORTH), (6.0, NORTH + 0.4)])
+def test_wall_depth_is_within_one_percent(distance_m: float, yaw: float) -> None:
+    frames, true = _frames(_sideways(distance_m, yaw))
+    depth = estimate(frames[0], frames[1:])
+    error = np.abs(depth.depth_m / halved(true[0]) - 1.0)[depth.valid]
+    assert depth.valid.mean() > 0.75
+    assert (error < 0.01).mean() > 0.95
+    assert np.median(error) < 0.004
+
+
+def test_take_off_column_measures_the_wall_ahead() -> None:
+    """Pure climbing, looking level at an object 12 m away: the first depth of every mission."""
+    frames, true = _frames([Pose((0.0, -12.0, up), NORTH, 0.0) for up in (2.0, 4.0, 6.0, 8.0)])
+    for i in range(4):
+        depth = estimate(frames[i], [f for k, f in enumerate(frames) if k != i])
+        error = np.abs(depth.depth_m / halved(true[i]) - 1.0)[depth.valid]
+        assert depth.valid.mean() > 0.6
+        assert (error < 0.03).mean() > 0.95
+
+
+def test_background_at_infinity_comes_out_far() -> None:
+    frames, true = _frames(_sideways(6.0), top_up_m=5.0)
+    depth = estimate(frames[0], frames[1:])
+    beyond = ~np.isfinite(true[0][::2, ::2]) & depth.valid
+    beyond[56:] = False
+    assert beyond.mean() > 0.25
+    assert (depth.depth_m[beyond] > 60.0).mean() > 0.98
+
+
+def test_same_pictures_give_the_same_bits() -> None:
+    frames, _ = _frames(_sideways(7.0))
+    first, second = (estimate(frames[0], frames[1:]) for _ in range(2))
+    assert np.array_equal(first.depth_m, second.depth_m)
+    assert np.array_equal(first.valid, second.valid)
+    assert np.array_equal(first.confidence, second.confidence)
+
+
+def test_blank_pictures_measure_nothing() -> None:
+    rng = np.random.default_rng(1)
+    blank = [np.clip(rng.normal(180.0, 1.0, (256, 456, 3)), 0, 255).astype(np.uint8) for _ in range(5)]
+    frames = [make_frame(rgb, CAMERA, pose) for rgb, pose in zip(blank, _sideways(6.0), strict=True)]
+    assert estimate(frames[0], frames[1:]).valid.mean() < 0.001
+
+
+def test_sigma_covers_the_error() -> None:
+    frames, true = _frames(_sideways(10.0))
+    depth = estimate(frames[0], frames[1:])
+    error = np.abs(depth.depth_m - halved(true[0]))[depth.valid] / depth.sigma_m()[depth.valid]
+    assert np.median(error) < 0.5
+    assert (error < 3.0).mean() > 0.95
+
+
+def test_sweep_needs_a_source() -> None:
+    frames, _ = _frames(_sideways(6.0)[:1])
+    with pytest.raises(ValueError, match="source"):
+        estimate(frames[0], [], SweepSettings())
+
+
+def test_rotation_alone_is_no_source() -> None:
+    target = Pose((0.0, 0.0, 5.0), 0.0, 0.0)
+    turned = [Pose((0.0, 0.0, 5.0), yaw, 0.1) for yaw in (-0.4, 0.0, 0.3)]
+    assert source_scores(target, turned, CAMERA).tolist() == [0.0, 0.0, 0.0]
+    assert len(choose_sources(target, turned, CAMERA)) == 0
+
+
+def test_best_source_has_parallax_and_overlap() -> None:
+    target = Pose((0.0, 0.0, 5.0), NORTH, 0.0)
+    near, good, wide, away = ((0.05, NORTH), (1.5, NORTH), (14.0, NORTH), (1.5, -NORTH))
+    poses = [Pose((x, 0.0, 5.0), yaw, 0.0) for x, yaw in (near, good, wide, away)]
+    score = source_scores(target, poses, CAMERA)
+    assert int(np.argmax(score)) == 1
+    assert score[1] > 0.5
+    assert max(score[0], score[2], score[3]) < 0.1
+
+
+coordinate = st.floats(-12.0, 12.0)
+pose_strategy = st.builds(lambda x, y, z, yaw, e: Pose((x, y, z), yaw, e), coordinate, coordinate, coordinate,
+                          st.floats(-math.pi, math.pi), st.floats(-1.0, 1.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(pose_strategy, st.lists(pose_strategy, max_size=12))
+def test_chosen_sources_are_distinct_spaced_and_ranked(target: Pose, candidates: list[Pose]) -> None:
+    score = source_scores(target, candidates, CAMERA)
+    chosen = choose_sources(target, candidates, CAMERA, 4)
+    assert np.all((score >= 0.0) & (score <= 1.0))
+    assert len(chosen) <= 4
+    assert np.all(np.diff(score[chosen]) <= 0.0)
+    places = np.array([candidates[i].position_enu_m for i in chosen]).reshape(-1, 3)
+    gaps = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(len(places)) * 99.0
+    assert np.all(gaps >= MIN_SPACING_M)
+
+
+def _sky_picture(wall_rgb: tuple[int, int, int], rows: slice) -> np.ndarray:
+    shade = np.linspace(0.0, 1.0, 128)[:, None, None]
+    rgb = (1 - shade) * np.array([70.0, 120.0, 200.0]) + shade * np.array([170.0, 195.0, 225.0]) + np.zeros((1, 228, 1))
+    rgb[rows, 60:160] = wall_rgb
+    return np.asarray(rgb + np.random.default_rng(0).normal(0, 0.5, rgb.shape)).astype(np.uint8)
+
+
+def test_sky_is_found_and_a_wall_in_it_is_not() -> None:
+    camera = CAMERA.scaled(228, 128)
+    rgb = _sky_picture((150, 140, 130), slice(20, 128))
+    sky = sky_mask(rgb, camera, Pose((0.0, 0.0, 5.0), 0.0, 0.35))
+    assert sky[:100, :56].mean() > 0.9
+    assert not sky[20:, 60:160].any()
+
+
+def test_blue_wall_below_the_horizon_or_cut_off_from_the_top_is_not_sky() -> None:
+    camera = CAMERA.scaled(228, 128)
+    blue = _sky_picture((90, 130, 210), slice(0, 128))
+    assert not sky_mask(blue, camera, Pose((0.0, 0.0, 5.0), 0.0, -0.6)).any()
+    framed = blue.copy()
+    framed[:6] = (60, 60, 60)
+    assert not sky_mask(framed, camera, Pose((0.0, 0.0, 5.0), 0.0, 0.6)).any()
+
+
+def test_neighbours_confirm_truth_and_see_through_a_ghost() -> None:
+    poses = _sideways(8.0)
+    maps = [exact_depth_map(p, halved(wall_picture(p)[1]), 1e-3) for p in poses]
+    ghost = maps[0].depth_m.copy()
+    ghost[40:60, 100:120] = 4.0
+    agree, against = votes(replace(maps[0], depth_m=ghost), maps[1:])
+    assert (agree[80:, 60:170] >= 3).all()
+    assert (against[80:, 60:170] == 0).all()
+    assert (against[42:58, 102:118] >= 3).all()
+    assert (agree[42:58, 102:118] == 0).all()
