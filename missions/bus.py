@@ -98,7 +98,9 @@ class Bus:
         try:
             self._session = zenoh.open(_config(connect, listen))
         except zenoh.ZError as e:
-            raise LinkError(f"{name}: no bus at {connect or listen} ({e}); is sim_bridge running there?") from e
+            what = (f"cannot listen on {listen}; give an endpoint that is free" if listen
+                    else f"no bus at {connect}; start sim_bridge there")
+            raise LinkError(f"{name}: {what} ({e}).") from e
         prefix = f"{ROOT}/{fleet}/alive/"
         self._held.append(self._session.liveliness().declare_subscriber(
             prefix + "*", lambda s: self._on_alive(str(s.key_expr)[len(prefix):], s.kind), history=True))

@@ -16,6 +16,9 @@ from missions.mission import ClockSpec
 
 log = logging.getLogger(__name__)
 
+PRESENCE_S = 10.0
+"""Presence travels beside the Join and may come a moment after it."""
+
 
 @dataclass(frozen=True)
 class Round:
@@ -56,7 +59,7 @@ class ClockServer:
             if time.monotonic() > deadline:
                 missing = ", ".join(sorted(names - boots.keys()))
                 raise LinkError(f"bridge: did not join within {timeout_s:.0f} s: {missing}; look at their logs.")
-        self._bus.wait_alive(set(boots), timeout_s)
+        self._bus.wait_alive(set(boots), PRESENCE_S)
         for name, boot in sorted(boots.items()):
             self._welcome(name, boot, "")
         self._live = set(boots)

@@ -152,6 +152,11 @@ def test_a_poll_can_be_woken(buses: tuple[Bus, Bus, Bus]) -> None:
     assert time.monotonic() - begin < WAIT_S
 
 
+def test_a_taken_endpoint_is_named(buses: tuple[Bus, Bus, Bus], endpoint: str) -> None:
+    with pytest.raises(LinkError, match=f"cannot listen on {endpoint}"):
+        Bus("bridge", "test", listen=endpoint)
+
+
 BUSY = """
 import ctypes, sys
 from missions.bus import Bus
@@ -160,7 +165,7 @@ with Bus("busy", "test", connect=sys.argv[1]) as bus:
     bus.subscribe(MAVLINK_DOWN)
     bus.announce_alive()
     ctypes.PyDLL(None).usleep(6_000_000)  # keeps the interpreter's lock
-    got = bus.collect({MAVLINK_DOWN.key("test", 1): 100})
+    got = bus.collect({MAVLINK_DOWN.key("test", 1): 300})
     print(len(got), flush=True)
 """
 
@@ -170,10 +175,10 @@ def test_a_process_that_computes_for_seconds_loses_nothing(buses: tuple[Bus, Bus
     _, a, _ = buses
     process = subprocess.Popen([sys.executable, "-c", BUSY, endpoint], stdout=subprocess.PIPE)
     a.wait_alive({"busy"}, 20.0)
-    for _ in range(100):
+    for _ in range(300):
         a.publish(topics.MAVLINK_DOWN, MavlinkFrames(frames=[b"x" * 400_000]), 1)
     assert "busy" in a.alive()
-    assert process.communicate(timeout=60)[0].strip() == b"100"
+    assert process.communicate(timeout=60)[0].strip() == b"300"
 
 
 def test_only_the_given_loopback_endpoint_is_open() -> None:
