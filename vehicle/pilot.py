@@ -181,7 +181,9 @@ class Pilot:
         flight = self._flight([first], self.slow, t_ns)
         narrow = not self.avoidance.clear(here, path[1])
         if self.avoidance.conflicts(flight, t_ns, t_ns):
-            return self._wait(t_ns, WAIT_FOR_TEAMMATE_NS, "a teammate crosses the way around", via.position)
+            outcome = self._wait(t_ns, WAIT_FOR_TEAMMATE_NS, "a teammate crosses the way around", via.position)
+            self._retry_ns += RETRY_NS  # planning around is the costliest thing a vehicle does
+            return outcome
         self._launch(flight, t_ns)
         self._narrow, self.detour = narrow, list(path[1:-1])
         return Outcome.FLYING

@@ -16,8 +16,10 @@ from planning.paths.fields import ObstacleField
 
 MAX_ITERATIONS = 4000
 TREE_RANGE_M = 6.0
-SHORTCUT_POINTS = 48
+SHORTCUT_POINTS = 32
 SHORTCUT_ROUNDS = 6
+WORTHWHILE = 0.98
+"""Another round is made after one that left at most this share of the cost."""
 CORNER_M = 1.5
 """What a corner costs beside its length: vehicles turn at rest."""
 
@@ -48,7 +50,9 @@ def plan_path(field: ObstacleField, start_enu_m: Array, goal_enu_m: Array, clear
         return ends
     path = _rrt_connect(field, start, goal, clearance_m, lower, upper, seed)
     for _ in range(SHORTCUT_ROUNDS):
-        path = shortcut(field, path, clearance_m)
+        before, path = _cost_m(path), shortcut(field, path, clearance_m)
+        if _cost_m(path) > WORTHWHILE * before:
+            break
     return path
 
 
@@ -69,6 +73,10 @@ def shortcut(field: ObstacleField, path: Array, clearance_m: float) -> Array:
     while order[-1] != 0:
         order.append(int(previous[order[-1]]))
     return np.asarray(path[order[::-1]])
+
+
+def _cost_m(path: Array) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) + CORNER_M * len(path)
 
 
 def _resampled(path: Array, count: int) -> Array:
