@@ -132,7 +132,7 @@ def test_site_sets_box_and_ground(tmp_path: Path) -> None:
 def test_texture_on_another_disk_is_found_by_its_name(tmp_path: Path, reference: str) -> None:
     (tmp_path / "textures").mkdir()
     picture(tmp_path / "textures" / "skin.png")
-    scene = load_scene(SceneSpec(path=str(write_obj(tmp_path, f"map_Kd {reference}"))), HERE)
+    scene = load_scene(SceneSpec(path=str(write_obj(tmp_path, f"map_Kd {reference}")), surroundings=False), HERE)
     assert own_parts(scene)[0].texture is not None
     assert any("found by name" in note and "skin.png" in note for note in scene.notes)
 
@@ -141,7 +141,7 @@ def test_texture_on_another_disk_is_found_by_its_name(tmp_path: Path, reference:
 def test_missing_or_broken_texture_becomes_procedural(tmp_path: Path, content: bytes | None) -> None:
     if content is not None:
         (tmp_path / "skin.png").write_bytes(content)
-    scene = load_scene(SceneSpec(path=str(write_obj(tmp_path, "map_Kd skin.png"))), HERE)
+    scene = load_scene(SceneSpec(path=str(write_obj(tmp_path, "map_Kd skin.png")), surroundings=False), HERE)
     (part,) = own_parts(scene)
     assert part.procedural
     assert part.color_rgb == (51, 102, 153)
@@ -151,7 +151,7 @@ def test_missing_or_broken_texture_becomes_procedural(tmp_path: Path, content: b
 
 def test_faulty_faces_are_dropped_and_counted(tmp_path: Path) -> None:
     extra = "v nan 0 0\nv 1 1 inf\nf 25/1 1/1 2/2\nf 26/1 1/1 2/2\nf 1/1 1/1 2/2\nf 1/1 2/2 3/3\nf 3/3 2/2 1/1\n"
-    scene = load_scene(SceneSpec(path=str(write_obj(tmp_path, extra=extra))), HERE)
+    scene = load_scene(SceneSpec(path=str(write_obj(tmp_path, extra=extra)), surroundings=False), HERE)
     assert sum(len(p.faces) for p in own_parts(scene)) == 12
     assert np.isfinite(own_parts(scene)[0].vertices_enu_m).all()
     notes = " ".join(scene.notes)
@@ -166,7 +166,7 @@ def test_of_two_materials_on_one_face_the_outer_one_stays(tmp_path: Path, back: 
     picture(tmp_path / "back.png")
     extra = "usemtl back\nf 3/3 2/2 1/1\nf 4/4 3/3 1/1\n"
     path = write_obj(tmp_path, f"map_Kd skin.png\nnewmtl back\n{back}", extra)
-    scene = load_scene(SceneSpec(path=str(path)), HERE)
+    scene = load_scene(SceneSpec(path=str(path), surroundings=False), HERE)
     assert [(p.name, len(p.faces), p.procedural) for p in own_parts(scene)] == [("thing", 12, False)]
     assert scene.notes == ["dropped 2 faces that repeat another one"]
 
@@ -180,7 +180,7 @@ def test_transforms_and_units_of_a_glb(tmp_path: Path) -> None:
     mirror[:3, 3] = (10000, 0, 1500)
     world.add_geometry(mesh, transform=mirror)
     world.export(tmp_path / "three.glb")
-    scene = load_scene(SceneSpec(path=str(tmp_path / "three.glb"), units_per_metre=1000.0), HERE)
+    scene = load_scene(SceneSpec(path=str(tmp_path / "three.glb"), units_per_metre=1000.0, surroundings=False), HERE)
     np.testing.assert_allclose(scene.object_min_enu_m, (-0.5, -1, 0), atol=1e-6)
     np.testing.assert_allclose(scene.object_max_enu_m, (10.5, 1, 3), atol=1e-6)
     volumes = [trimesh.Trimesh(p.vertices_enu_m, p.faces).volume for p in own_parts(scene)]
@@ -190,7 +190,7 @@ def test_transforms_and_units_of_a_glb(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", ["ply", "stl"])
 def test_untextured_formats_are_procedural(tmp_path: Path, suffix: str) -> None:
     trimesh.creation.box((2, 3, 4)).export(tmp_path / f"box.{suffix}")
-    scene = load_scene(SceneSpec(path=str(tmp_path / f"box.{suffix}")), HERE)
+    scene = load_scene(SceneSpec(path=str(tmp_path / f"box.{suffix}"), surroundings=False), HERE)
     assert [p.procedural for p in own_parts(scene)] == [True]
     assert scene.ground_up_m == -2.0
     assert any("procedural" in note for note in scene.notes)
@@ -205,7 +205,7 @@ def test_own_surroundings_inside_a_stated_box(tmp_path: Path) -> None:
     trimesh.util.concatenate([tower, terrain]).export(home / "site_rgb.obj")
     bounds = trimesh.creation.box((4, 4, 10), transform=trimesh.transformations.translation_matrix((0, 0, 5.01)))
     bounds.export(home / "bbox" / "site_bbox_bounds.obj")
-    scene = load_scene(SceneSpec(path=str(home)), HERE)
+    scene = load_scene(SceneSpec(path=str(home), surroundings=False), HERE)
     assert sum(len(p.faces) for p in own_parts(scene)) == 12
     assert [len(p.faces) for p in scene.parts if not p.is_object] == [12]
     assert scene.ground_up_m == pytest.approx(0.01)
@@ -231,7 +231,7 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
         ("absent.obj", HERE, "no such file"), ("thing.obj", away, "object_min_enu_m"),
     ):
         with pytest.raises(UserError, match=words) as caught:
-            load_scene(SceneSpec(path=str(tmp_path / name)), site)
+            load_scene(SceneSpec(path=str(tmp_path / name), surroundings=False), site)
         assert name in str(caught.value)
         assert "\n" not in str(caught.value)
 

@@ -36,7 +36,7 @@ def _figure() -> Solid:
     for limb in (*_details(), *_wing(-1.0), *_wing(1.0)):
         field.add(*limb, 0.45)
     vertices, faces = surface(field)
-    vertices = relaxed(vertices, faces, rounds=4)
+    vertices = relaxed(vertices, faces, rounds=10)
     vertices[:, 0] *= LENGTH_M / 2 / np.where(vertices[:, 0] > 0, vertices[:, 0].max(), -vertices[:, 0].min())
     rise = vertices[:, 2] - PEDESTAL_M
     vertices[:, 2] = PEDESTAL_M + rise * (HEIGHT_M - PEDESTAL_M) / rise.max()

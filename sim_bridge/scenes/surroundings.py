@@ -45,7 +45,7 @@ def ground(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float, r
 def growth(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float) -> list[Part]:
     """Trees and rocks standing on the ground outside the free zone around the box lo, hi (3,)."""
     trunks, crowns, rocks = [], [], []
-    for x, y in _sites(rng, lo, hi, count=14, radius_m=4.6):
+    for x, y in _sites(rng, lo, hi, count=14, radius_m=5.0):
         trunk, crown = _tree(rng, np.array([x, y, ground_up_m]))
         trunks.append(trunk)
         crowns += crown
@@ -73,7 +73,7 @@ def _sites(rng: np.random.Generator, lo: Array, hi: Array, count: int, radius_m:
         x, y = (float(rng.uniform(lo[i] - reach, hi[i] + reach)) for i in range(2))
         outside = max(lo[0] - x, x - hi[0], lo[1] - y, y - hi[1]) - radius_m
         on_road = ROAD_FROM_M - radius_m < y - hi[1] < ROAD_FROM_M + ROAD_WIDTH_M + radius_m
-        on_pads = 0.0 < lo[1] - y < FREE_SOUTH_M + radius_m
+        on_pads = -radius_m < lo[1] - y < FREE_SOUTH_M + radius_m
         if outside > FREE_M and not on_road and not on_pads:
             found.append((x, y))
     return found
