@@ -286,5 +286,6 @@ def test_benchmark_reports_every_size_beside_the_thesis(
     monkeypatch.setattr(benchmark, "load_scene", lambda spec, site: bridge)
     assert benchmark.main(["--scenes", "bridge", "--frames", "1", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
-    assert [(row["width_px"], row["thesis_seconds"]) for row in rows] == [(456, None), (1920, pytest.approx(0.894, 1e-3))]
+    assert [row["width_px"] for row in rows] == [456, 1920]
+    assert [row["thesis_seconds"] for row in rows] == [None, pytest.approx(0.894, rel=1e-3)]
     assert all(row["seconds_median"] >= row["seconds_best"] > 0 and row["jpeg_kib"] > 5 for row in rows)
