@@ -12,11 +12,14 @@ from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import geofence
+from missions.sensors import RANGE_DIRECTIONS
 from planning.paths import NoPath, Reach, VoxelField, plan_path, reachable
 
 PLAN_MARGIN_M = 0.1
 """Planned beyond the demanded clearance: MAVLink rounds positions to about 1 cm, vehicles check what arrives."""
 TEAMMATE_MARGIN_M = 0.5
+ESCAPE_STEPS_M = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+LEAST_ESCAPE_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,9 @@ class Airspace:
         return self.field.with_spheres(np.array([m for m, _ in kept]), np.array([r for _, r in kept]))
 
     def reach(self, start_enu_m: Array, teammates_enu_m: list[Array]) -> Reach:
-        """Distances and paths from a start to everywhere."""
-        return reachable(self.around(start_enu_m, teammates_enu_m), start_enu_m, self.clearance_m)
+        """Distances and paths from a start (or the wide place nearest to it) to everywhere."""
+        field = self.around(start_enu_m, teammates_enu_m)
+        return reachable(field, self.wide_place(field, start_enu_m), self.clearance_m)
 
     def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array | None:
         """(k, 3) waypoints from start to goal, both included, or None when there is no way through known-free space.
@@ -57,25 +61,44 @@ class Airspace:
         The quick random search decides most cases; where it gives up, a complete search over the voxels does.
         """
         field = self.around(start_enu_m, teammates_enu_m)
+        wide = self.wide_place(field, start_enu_m)
         try:
-            return plan_path(field, start_enu_m, goal_enu_m, self.clearance_m, self.lower_enu_m, self.upper_enu_m,
-                             _seed(start_enu_m, goal_enu_m))
+            return joined(start_enu_m, plan_path(field, wide, goal_enu_m, self.clearance_m, self.lower_enu_m,
+                                                 self.upper_enu_m, _seed(wide, goal_enu_m)))
         except NoPath as refusal:
             if refusal.reason != "search":
                 return None
         try:
-            return reachable(field, start_enu_m, self.clearance_m).path_to(goal_enu_m)
+            return joined(start_enu_m, reachable(field, wide, self.clearance_m).path_to(goal_enu_m))
         except NoPath:
             return None
+
+    def wide_place(self, field: VoxelField, start_enu_m: Array) -> Array:
+        """The start itself when it has the clearance. A newer map may have taken it away where a vehicle hovers; then
+        the nearest place that has it, along a straight way that does not come nearer to anything (the vehicle, which
+        has a range sensor, decides whether it flies there). The start when there is no such place."""
+        here = float(field.clearance_m(start_enu_m)[0])
+        if here >= self.clearance_m:
+            return start_enu_m
+        for distance in ESCAPE_STEPS_M:
+            places = start_enu_m + distance * RANGE_DIRECTIONS
+            room = field.clearance_m(places)
+            keep = max(LEAST_ESCAPE_M, here - 0.1) if here >= LEAST_ESCAPE_M else 0.0
+            for n in np.argsort(-room, kind="stable"):
+                if room[n] < self.clearance_m:
+                    break
+                if field.segments_clear(start_enu_m, places[n], keep)[0]:
+                    return np.asarray(places[n])
+        return start_enu_m
 
     def clear_at(self, points_enu_m: Array) -> Array:
         """(n,) bool: places where a vehicle may hover."""
         return np.asarray(self.field.clearance_m(points_enu_m) >= self.clearance_m)
 
 
-def length_m(path_enu_m: Array) -> float:
-    """Length of a path (k, 3)."""
-    return float(np.linalg.norm(np.diff(path_enu_m, axis=0), axis=1).sum())
+def joined(start_enu_m: Array, path_enu_m: Array) -> Array:
+    """The path with the start before it, when it begins elsewhere."""
+    return path_enu_m if np.array_equal(path_enu_m[0], start_enu_m) else np.concatenate([start_enu_m[None], path_enu_m])
 
 
 def _seed(start: Array, goal: Array) -> int:

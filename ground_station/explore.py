@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ground_station.airspace import Airspace
+from ground_station.airspace import Airspace, joined
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
 from missions.camera import Pose
@@ -214,6 +214,6 @@ def _path(airspace: Airspace, reach: Reach, a: Asking, given: Assignment, mates:
     if mates is not None:
         return airspace.path(a.position_enu_m, goal, mates)
     try:
-        return reach.path_to(goal)
+        return joined(a.position_enu_m, reach.path_to(goal))
     except NoPath:
         return None

@@ -70,6 +70,7 @@ class Recorder:
         self.reassignments: list[dict[str, Any]] = []
         self.planned: dict[str, Any] = {}
         self._wall: dict[str, float] = {}
+        self._ended: set[str] = set()
 
     def begin(self, phase: str, t_ns: int) -> None:
         """A phase starts."""
@@ -78,6 +79,7 @@ class Recorder:
 
     def end(self, phase: str, t_ns: int) -> None:
         """A phase is over."""
+        self._ended.add(phase)
         self.phases[phase]["end_s"] = t_ns / SECOND_NS
         self.phases[phase]["wall_s"] = round(time.monotonic() - self._wall[phase], 3)
 
@@ -96,7 +98,9 @@ class Recorder:
                                      "battery_percent": track.battery[i] if i >= 0 else 100.0})
 
     def write(self, t_ns: int) -> None:
-        """Write trajectories.npz and flight.json."""
+        """Write trajectories.npz and flight.json; a phase that was cut short ends here."""
+        for phase in self._wall.keys() - self._ended:
+            self.end(phase, t_ns)
         arrays: dict[str, Any] = {}
         for k, track in self.tracks.items():
             names = ("t_s", "position_enu_m", "velocity_enu_m_s", "battery_percent")

@@ -1,4 +1,4 @@
-"""Views are conserved: whatever dies, runs low or is blocked, each ends with one outcome, and nothing is flown twice."""
+"""Views are conserved: whatever dies, runs low or is blocked, each ends with one outcome; none is flown twice."""
 
 from __future__ import annotations
 

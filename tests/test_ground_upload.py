@@ -7,13 +7,13 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mav
 
 from ground_station.fleet_link import VehicleLink
 from missions.clock import SECOND_NS
 from missions.frames import Site
 from missions.mavlink import AUTOPILOT_COMPONENT, Endpoint, Item, Route, Waypoint, items_from_route, plan_sha256
 from missions.messages import PlanHash, PlanVerdict
-from pymavlink.dialects.v20 import common as mav
 from vehicle.mission_service import MissionService
 
 SITE = Site(52.0, 6.0, 40.0)

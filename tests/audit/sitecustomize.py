@@ -10,8 +10,8 @@ def _hook(event: str, arguments: tuple[object, ...]) -> None:
     if event in ("open", "import") and arguments and not _busy[0]:
         _busy[0] = True
         try:
-            os.write(_file, f"{event} {os.fsdecode(arguments[0]) if isinstance(arguments[0], bytes) else arguments[0]}\n"
-                     .encode("utf-8", "backslashreplace"))
+            what = os.fsdecode(arguments[0]) if isinstance(arguments[0], bytes) else arguments[0]
+            os.write(_file, f"{event} {what}\n".encode("utf-8", "backslashreplace"))
         finally:
             _busy[0] = False
 

@@ -1,0 +1,174 @@
+"""Real processes on loopback: a small mission from take-off to landing, and one that loses a vehicle."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from ground_station import launcher
+from missions import topics
+from missions.bus import Bus
+from missions.messages import Status
+from missions.mission import load_mission
+from missions.run_folder import RunFolder
+
+HERE = Path(__file__).parent
+MISSION = HERE / "missions" / "house.toml"
+SCENE_NAME = "very_secret_house"
+pytestmark = pytest.mark.loopback
+
+
+def fly(tmp_path: Path, settings: list[str], watch: Callable[[launcher.Flight, Status], None] | None = None,
+        environment: dict[str, str] | None = None) -> tuple[RunFolder, list[str]]:
+    """Fly the small mission over a box; `watch` sees every status and may interfere."""
+    scene = tmp_path / f"{SCENE_NAME}.ply"
+    if not scene.exists():
+        box = trimesh.creation.box(extents=(8.0, 6.0, 7.0))
+        box.apply_translation((0.0, 0.0, 3.5))
+        box.export(scene)
+    run_name = str(tmp_path / f"run{len(list(tmp_path.glob('run*')))}")
+    sets = [part for s in settings for part in ("--set", s)]
+    options = launcher._parse([str(MISSION), "--scene", str(scene), "--run", run_name, *sets])
+    mission, run = launcher.prepare(options)
+    endpoint = f"tcp/127.0.0.1:{launcher._free_port()}"
+    flight = launcher.Flight(launcher.process_table(mission, run, endpoint, "test", quiet=True), run,
+                             keep=environment or {})
+    over = threading.Event()
+    watcher = threading.Thread(target=_observe, args=(endpoint, flight, watch, over)) if watch else None
+    try:
+        if watcher:
+            watcher.start()
+        return run, flight.wait()
+    finally:
+        over.set()
+        if watcher:
+            watcher.join()
+        flight.stop()
+
+
+def _observe(endpoint: str, flight: launcher.Flight, watch: Callable[[launcher.Flight, Status], None],
+             over: threading.Event) -> None:
+    with Bus("observer", "test", connect=endpoint) as bus:
+        bus.subscribe(topics.STATUS)
+        while not over.is_set():
+            for delivery in bus.poll(timeout_s=0.2):
+                watch(flight, delivery.message)
+
+
+def flight_of(run: RunFolder) -> dict[str, Any]:
+    return dict(json.loads(run.flight.read_text(encoding="utf-8")))
+
+
+def audited(tmp_path: Path) -> dict[str, str]:
+    return {"PYTHONPATH": str(HERE / "audit"), "SWARMSCAN_AUDIT_LOG": str(tmp_path / "audit")}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, list[str], Path]:
+    folder = tmp_path_factory.mktemp("loopback")
+    run, complaints = fly(folder, [], environment=audited(folder))
+    return run, complaints, folder
+
+
+def test_the_mission_flies_from_take_off_to_landing(flown: tuple[RunFolder, list[str], Path]) -> None:
+    run, complaints, _ = flown
+    assert complaints == []
+    record, referee = flight_of(run), json.loads(run.referee.read_text())
+    assert referee["collisions"] == 0
+    assert set(record["phases"]) == {"explore", "survey", "return"}
+    assert record["fleet"]["views_flown"] == len(record["outcomes"]) == 12
+    assert referee["coverage"]["final"] >= 0.5 * referee["coverage"]["ceiling"]
+
+
+def test_every_picture_is_on_disk_and_in_the_table(flown: tuple[RunFolder, list[str], Path]) -> None:
+    run, _, _ = flown
+    with run.views_csv.open() as f:
+        rows = list(csv.DictReader(f))
+    record, referee = flight_of(run), json.loads(run.referee.read_text())
+    assert len(rows) == referee["pictures"] == sum(map(len, record["tours"].values()))
+    assert len({r["view_id"] for r in rows}) == len(rows)
+    for row in rows:
+        size = (480, 270) if row["phase"] == "survey" else (228, 128)
+        with Image.open(run.root / row["path"]) as picture:
+            assert picture.size == size
+        assert (int(row["view_id"]) > 10000) == (row["phase"] == "survey")
+    assert sorted(v for tour in record["tours"].values() for v in tour) == sorted(int(r["view_id"]) for r in rows)
+
+
+def test_trajectories_are_at_ten_hertz_and_battery_follows_the_path(flown: tuple[RunFolder, list[str], Path]) -> None:
+    run, _, _ = flown
+    spec = load_mission(run.mission)
+    with np.load(run.trajectories) as tracks:
+        for k in (1, 2):
+            t, path = tracks[f"uav{k}_t_s"], tracks[f"uav{k}_position_enu_m"]
+            assert np.allclose(np.diff(t), 0.1, atol=1e-9)
+            assert t[0] == 0.0
+            speed = np.linalg.norm(tracks[f"uav{k}_velocity_enu_m_s"], axis=1)
+            assert speed.max() <= spec.fleet.speed_m_s * (1 + 1e-6)
+            spent = tracks[f"uav{k}_battery_percent"][0] - tracks[f"uav{k}_battery_percent"][-1]
+            length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+            assert spent == pytest.approx(length * spec.battery.percent_per_m, rel=0.02)
+            assert np.allclose(path[0], path[-1], atol=1e-2)
+
+
+def test_the_same_mission_flies_the_same_trajectories_again(
+        flown: tuple[RunFolder, list[str], Path], tmp_path: Path) -> None:
+    first, _, folder = flown
+    (tmp_path / f"{SCENE_NAME}.ply").write_bytes((folder / f"{SCENE_NAME}.ply").read_bytes())
+    second, _ = fly(tmp_path, [])
+    with np.load(first.trajectories) as a, np.load(second.trajectories) as b:
+        assert sorted(a.files) == sorted(b.files)
+        assert [name for name in a.files if not np.array_equal(a[name], b[name])] == []
+    assert flight_of(first)["outcomes"] == flight_of(second)["outcomes"]
+    assert first.views_csv.read_bytes() == second.views_csv.read_bytes()
+
+
+def test_the_ground_station_never_opens_the_scene(flown: tuple[RunFolder, list[str], Path]) -> None:
+    _, _, folder = flown
+    logs = [p.read_text() for p in folder.glob("audit.*")]
+    ground = [text for text in logs if "-m ground_station " in text.splitlines()[0]]
+    bridge = [text for text in logs if "-m sim_bridge " in text.splitlines()[0]]
+    assert (len(ground), len(bridge)) == (1, 1)
+    assert SCENE_NAME in bridge[0]
+    assert "import sim_bridge.truth" in bridge[0]
+    seen = ground[0].splitlines()[1:]
+    assert any(line == "import perception.depth.plane_sweep" for line in seen)
+    assert [line for line in seen if SCENE_NAME in line or "/truth" in line] == []
+    assert [line for line in seen if line.startswith("import") and line.split()[1].split(".")[0] in
+            ("sim_bridge", "vehicle")] == []
+
+
+def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path) -> None:
+    killed: list[float] = []
+
+    def kill_first(flight: launcher.Flight, status: Status) -> None:
+        surveyed = next(v for v in status.vehicles if v.vehicle_id == 1)
+        if not killed and status.phase == "survey" and surveyed.views_left and surveyed.mode == "flying":
+            killed.append(status.t_ns / 1e9)
+            os.kill(flight.running["uav1"].pid, signal.SIGKILL)
+
+    run, complaints = fly(tmp_path, ["explore.max_views=6", "clock.speed=8.0"], watch=kill_first)
+    assert killed
+    assert len(complaints) == 1
+    assert complaints[0].startswith("uav1 ended with code -9")
+    record = flight_of(run)
+    assert json.loads(run.referee.read_text())["collisions"] == 0
+    assert set(record["outcomes"].values()) == {"flown"}
+    assert record["reassignments"]
+    assert {(r["from"], r["to"]) for r in record["reassignments"]} == {(1, 2)}
+    handed_over = {r["view_id"] for r in record["reassignments"]}
+    assert handed_over <= set(record["tours"]["2"])
+    with np.load(run.trajectories) as tracks:
+        origin = dict(zip(tracks["uav2_view_ids"], tracks["uav2_origin_ids"], strict=True))
+    assert {origin[v] for v in handed_over} == {1}
