@@ -40,7 +40,7 @@ class VehicleQuery:
 class SearchSpec:
     """How the next views are weighed."""
 
-    decay_per_m: float = 0.03
+    decay_per_m: float = 0.02
     """A view this much farther away (1 / decay) must promise e times the surface."""
     separation_m: float = 5.0
     """Least distance between the goals of two vehicles."""
