@@ -146,7 +146,8 @@ def test_reach_finds_clear_paths_of_the_length_it_says(seed: int) -> None:
         path = reach.path_to(goal)
         assert np.array_equal(path[0], start)
         assert np.array_equal(path[-1], goal)
-        assert segment_clearance_m(field, path[:-1], path[1:], 0.05).min() >= 1.2 - 0.1
+        first = int(reach.narrow)
+        assert segment_clearance_m(field, path[first:-1], path[first + 1:], 0.05).min(initial=9.0) >= 1.2 - 0.1
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         assert np.linalg.norm(goal - start) - 1e-6 <= length <= far * 1.02 + 1e-6
 
@@ -180,3 +181,20 @@ def test_mesh_field_measures_the_distance_to_a_box() -> None:
     assert field.segments_clear(a, b, 1.5).tolist() == [False, True]
     path = plan_path(field, a[0], b[0], 1.0, np.full(3, -6.0), np.full(3, 6.0), 3)
     assert segment_clearance_m(field, path[:-1], path[1:], 0.05).min() >= 0.94
+
+
+def test_a_start_that_became_narrow_is_left_for_a_wide_place_nearby() -> None:
+    field = VoxelField.from_grid(grid_with(WALL))
+    start, goal = np.array([8.0, 5.0, 6.0]), np.array([16.0, 5.0, 6.0])
+    assert 0.5 < field.clearance_m(start)[0] < 1.2
+    path = reachable(field, start, 1.2).path_to(goal)
+    assert path[0].tolist() == start.tolist()
+    assert field.clearance_m(path[1:]).min() >= 1.2
+    assert field.segments_clear(path[1:-1], path[2:], 1.2).all()
+    assert np.linalg.norm(path[1] - start) <= 3.0
+    assert path[1][0] < start[0]
+
+
+def test_nothing_is_reached_from_deep_inside_a_wall() -> None:
+    thick = VoxelField.from_grid(grid_with((slice(10, 30), slice(0, 32), slice(0, 24))))
+    assert np.isinf(reachable(thick, np.array([10.0, 8.0, 6.0]), 1.2).distance_m).all()

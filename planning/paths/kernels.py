@@ -16,7 +16,8 @@ LEAST_STEP_M = 0.05
 at most half of it less than asked for."""
 AXIS, FACE, CUBE = 29, 41, 50
 """Costs of steps along an axis, a face diagonal and a cube diagonal: sqrt 2 and sqrt 3 within 1 %."""
-BUCKETS = 128
+BUCKETS = 512
+"""More than the largest step and the largest cost of a seed."""
 NONE = -1
 
 

@@ -14,6 +14,10 @@ from planning.paths.replan import NoPath, shortcut
 
 NEAR = np.array([(i, j, k) for i in range(-1, 3) for j in range(-1, 3) for k in range(-1, 3)])
 """Voxel centres around a point that it may be joined to."""
+ESCAPE_M, BLIND_ESCAPE_M = 3.0, 1.0
+"""How far a start that has become too narrow may be from a wide enough place; blind: when the map calls it solid."""
+ESCAPE_SLACK_M = 0.1
+LEAST_ROOM_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -49,11 +53,19 @@ class Reach:
         if not np.isfinite(length):
             raise NoPath("search")
         inner = self.field.origin + kernels.walk_back(self.came, *(int(c) for c in voxel)) * self.field.voxel_m
+        if self.narrow:
+            wide = shortcut(self.field, np.concatenate([inner, goal[None]]), self.clearance_m)
+            return np.concatenate([self.start_enu_m[None], wide])
         return shortcut(self.field, np.concatenate([self.start_enu_m[None], inner, goal[None]]), self.clearance_m)
+
+    @property
+    def narrow(self) -> bool:
+        """Whether the start itself lacks the clearance; paths then begin with the straight way out of there."""
+        return bool(self.field.clearance_m(self.start_enu_m)[0] < self.clearance_m)
 
     def _join(self, goal: Array) -> tuple[NDArray[np.int64], float]:
         """The reached voxel through which the goal is nearest, and the distance."""
-        voxels, centers = _around(self.field, goal)
+        voxels, centers = _around(self.field, goal, NEAR)
         far = np.linalg.norm(centers - goal, axis=1) + self.distance_m[tuple(voxels.T)]
         for m in np.argsort(far, kind="stable"):
             if not np.isfinite(far[m]):
@@ -64,14 +76,17 @@ class Reach:
 
 
 def reachable(field: VoxelField, start_enu_m: Array, clearance_m: float) -> Reach:
-    """Search from a start (3,). Everything is unreachable when the start itself has not got the clearance."""
+    """Search from a start (3,).
+
+    A start that lacks the clearance (the map changed around a hovering vehicle) is left straight for wide enough
+    voxels nearby, never coming nearer to anything; where there is none, nothing is reachable.
+    """
     start = np.asarray(start_enu_m, dtype=np.float64)
     room = field.distance
     if len(field.spheres):
         room = room.copy()
         kernels.lower_by_spheres(room, field.origin, field.voxel_m, field.spheres, clearance_m + 2.0 * field.voxel_m)
-    voxels, centers = _around(field, start)
-    clear = field.segments_clear(np.broadcast_to(start, centers.shape), centers, clearance_m)
+    voxels, centers, clear = _seeds(field, start, clearance_m)
     seeds = np.ravel_multi_index(tuple(voxels[clear].T), room.shape)
     unit = field.voxel_m / kernels.AXIS
     costs = np.round(np.linalg.norm(centers[clear] - start, axis=1) / unit).astype(np.int64)
@@ -80,8 +95,25 @@ def reachable(field: VoxelField, start_enu_m: Array, clearance_m: float) -> Reac
     return Reach(field, start, clearance_m, distance, came)
 
 
-def _around(field: VoxelField, point: Array) -> tuple[NDArray[np.int64], Array]:
+def _seeds(field: VoxelField, start: Array, need_m: float) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+    """Voxels (n, 3) that the search may begin with, their centres, and which of them can be flown to."""
+    here = float(field.clearance_m(start)[0])
+    if here >= need_m:
+        voxels, centers = _around(field, start, NEAR)
+        return voxels, centers, field.segments_clear(np.broadcast_to(start, centers.shape), centers, need_m)
+    seeing = here >= LEAST_ROOM_M
+    limit_m = ESCAPE_M if seeing else BLIND_ESCAPE_M
+    reach = int(limit_m / field.voxel_m)
+    cube = np.stack(np.meshgrid(*[np.arange(-reach, reach + 2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    voxels, centers = _around(field, start, cube)
+    clear = (field.clearance_m(centers) >= need_m) & (np.linalg.norm(centers - start, axis=1) <= limit_m)
+    least = here - ESCAPE_SLACK_M if seeing else 0.0
+    clear[clear] = field.segments_clear(np.broadcast_to(start, (int(clear.sum()), 3)), centers[clear], least)
+    return voxels, centers, clear
+
+
+def _around(field: VoxelField, point: Array, offsets: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
     base = np.floor((point - field.origin) / field.voxel_m).astype(np.int64)
-    voxels = base + NEAR
+    voxels = base + offsets
     voxels = voxels[np.all((voxels >= 0) & (voxels < np.array(field.distance.shape)), axis=1)]
     return voxels, field.origin + voxels * field.voxel_m
