@@ -283,3 +283,22 @@ def test_a_plan_with_another_hash_is_refused(tmp_path: Path) -> None:
     world.run(3)
     assert not world.verdicts[0].accepted
     assert world.verdicts[0].reason.startswith("hash")
+
+
+def test_set_current_skips_waypoints(tmp_path: Path) -> None:
+    world = World(mission(), tmp_path)
+    world.share_map(open_map(world.mission))
+    world.upload(route([(-9, -10, 5), (9, -10, 5), (0, -8, 7), (4, -9, 5)]), 1)
+    assert world.run(60, lambda: world.views() == [100])
+    world.tell(1, mav.MAVLink_mission_set_current_message(1, 1, 13))
+    assert world.run(60, lambda: len(world.views()) == 3)
+    assert world.views() == [100, 101, 103]
+
+
+def test_a_view_without_a_picture_is_given_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(mission(), tmp_path)
+    monkeypatch.setattr(world, "_expose", lambda k, request: world.shutters.append(request))
+    world.share_map(open_map(world.mission))
+    world.upload(route([(0, -10, 5)]), 1)
+    assert world.run(60, lambda: bool(world.reports))
+    assert [(r.plan_id, r.view_id, r.outcome) for r in world.reports] == [(1, 100, "unreachable")]

@@ -72,7 +72,7 @@ def upload(service: MissionService, items: list[Item], rng: np.random.Generator 
 
 
 def test_a_clean_upload_takes_one_window_per_round() -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     requests = service.handle(sent(count(len(ITEMS))), 0)
     assert types(requests) == ["MISSION_REQUEST_INT"] * WINDOW
     assert upload(service, ITEMS) == [mav.MAV_MISSION_ACCEPTED]
@@ -80,7 +80,7 @@ def test_a_clean_upload_takes_one_window_per_round() -> None:
 
 
 def test_a_foreign_ground_station_gets_one_request_at_a_time() -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     answers = service.handle(sent(count(3), 245, 190), 0)
     for seq in range(3):
         assert answers is not None
@@ -94,7 +94,7 @@ def test_a_foreign_ground_station_gets_one_request_at_a_time() -> None:
 @settings(max_examples=15, deadline=None)
 def test_uploads_get_through_a_bad_link_unharmed(seed: int, loss: float, repeat: float) -> None:
     judged: list[list[Item]] = []
-    service = MissionService(lambda items: judged.append(items) is None)
+    service = MissionService(lambda items: judged.append(items) is None, lambda seq: None)
     results = upload(service, ITEMS, np.random.default_rng(seed), loss, repeat)
     assert results
     assert set(results) == {mav.MAV_MISSION_ACCEPTED}
@@ -104,7 +104,7 @@ def test_uploads_get_through_a_bad_link_unharmed(seed: int, loss: float, repeat:
 
 def test_a_broken_or_refused_upload_leaves_the_old_plan() -> None:
     verdict = [True]
-    service = MissionService(lambda items: verdict[0])
+    service = MissionService(lambda items: verdict[0], lambda seq: None)
     upload(service, ITEMS[:5])
     service.handle(sent(count(8)), 0)
     service.handle(sent(item(0)), 0)
@@ -122,7 +122,7 @@ def test_a_broken_or_refused_upload_leaves_the_old_plan() -> None:
 
 
 def test_missing_items_are_asked_for_again_after_a_quarter_second() -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     service.handle(sent(count(3)), 0)
     assert service.poll(REQUEST_AGAIN_NS - 1) == []
     assert [a.seq for a in service.poll(REQUEST_AGAIN_NS)] == [0, 1, 2]
@@ -132,7 +132,7 @@ def test_missing_items_are_asked_for_again_after_a_quarter_second() -> None:
 
 
 def test_a_repeated_last_item_is_acknowledged_again() -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     upload(service, ITEMS[:4])
     again = service.handle(sent(item(3)), 0)
     assert types(again) == ["MISSION_ACK"]
@@ -142,7 +142,7 @@ def test_a_repeated_last_item_is_acknowledged_again() -> None:
 
 
 def test_download_returns_what_was_uploaded() -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     upload(service, ITEMS)
     listed = service.handle(sent(mav.MAVLink_mission_request_list_message(1, 1)), 0)
     assert listed is not None
@@ -161,7 +161,7 @@ def test_download_returns_what_was_uploaded() -> None:
     (mav.MAVLink_mission_set_current_message(1, 1, 77), mav.MAV_MISSION_INVALID_SEQUENCE),
     (mav.MAVLink_mission_count_message(1, 1, 3, mav.MAV_MISSION_TYPE_FENCE), mav.MAV_MISSION_UNSUPPORTED)])
 def test_what_cannot_be_is_refused_at_once(message: Any, result: int) -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     answers = service.handle(sent(message), 0)
     assert answers is not None
     assert [(a.get_type(), a.type) for a in answers] == [("MISSION_ACK", result)]
@@ -170,7 +170,7 @@ def test_what_cannot_be_is_refused_at_once(message: Any, result: int) -> None:
 
 
 def test_clear_and_set_current() -> None:
-    service = MissionService(lambda items: True)
+    service = MissionService(lambda items: True, lambda seq: None)
     upload(service, ITEMS)
     current = service.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
     assert types(current) == ["MISSION_CURRENT"]

@@ -24,7 +24,7 @@ class CameraPayload:
         self._cameras = {"explore": spec.explore_camera(), "survey": spec.survey_camera()}
         self.exposed: set[tuple[str, int]] = set()
         self.captured: list[PictureMeta] = []
-        self._awaited: dict[int, int] = {}
+        self._awaited: dict[tuple[str, int], int] = {}
         self._owed: dict[tuple[int, str], tuple[PictureMeta, int]] = {}
 
     def expose(self, view_id: int, phase: str, kinematics: Kinematics, t_ns: int) -> ShutterRequest | None:
@@ -32,14 +32,14 @@ class CameraPayload:
         if (phase, view_id) in self.exposed:
             return None
         self.exposed.add((phase, view_id))
-        self._awaited[view_id] = t_ns
+        self._awaited[phase, view_id] = t_ns
         return ShutterRequest(vehicle_id=self._id, view_id=view_id, phase=phase, t_capture_ns=t_ns,
                               pose=kinematics.pose, speed_m_s=kinematics.speed_m_s, camera=self._cameras[phase])
 
     def store(self, picture: SensorPicture, t_ns: int) -> list[PictureChunk]:
         """Write a read-out to storage, then cut it into chunks for the ground."""
         meta = picture.meta
-        self._awaited.pop(meta.view_id, None)
+        self._awaited.pop((meta.phase, meta.view_id), None)
         path = self._path(meta)
         path.write_bytes(picture.jpeg)
         path.with_suffix(".json").write_bytes(msgspec.json.encode(meta))
@@ -69,11 +69,12 @@ class CameraPayload:
         return out
 
     def lost(self, t_ns: int) -> list[int]:
-        """Views whose read-out has not come; each is told once."""
+        """Views whose read-out has not come; each is told once, and may be taken again."""
         gone = [v for v, since in self._awaited.items() if t_ns - since >= READ_OUT_NS]
-        for view_id in gone:
-            del self._awaited[view_id]
-        return gone
+        for view in gone:
+            del self._awaited[view]
+            self.exposed.discard(view)
+        return [view_id for _, view_id in gone]
 
     @property
     def owed(self) -> int:

@@ -59,6 +59,7 @@ class Executor:
         self._vertical = replace(pilot.limits, speed_m_s=min(pilot.limits.speed_m_s, VERTICAL_SPEED_M_S))
         self._passing: list[tuple[int, int]] = []
         self._target: int | None = None
+        self._jump_to: int | None = None
         self._trail: list[Array] = []
 
     @property
@@ -83,6 +84,10 @@ class Executor:
         if self.mode != MISSION:
             self._switch()
 
+    def jump(self, seq: int) -> None:
+        """Go on with the waypoint that mission item `seq` belongs to, after the present run."""
+        self._jump_to = next((n for n, items in enumerate(self._items) if items[-1] >= seq), len(self._items))
+
     def drop_plan(self) -> None:
         """Forget the plan; the present run is finished."""
         self._next = (Route(plan_id=0, phase="explore", waypoints=[]), [])
@@ -92,7 +97,7 @@ class Executor:
     def _switch(self) -> None:
         if self._next is not None:
             (self.route, self._items), self.index, self._next, self._target = self._next, 0, None, None
-            self._passing = []
+            self._passing, self._jump_to = [], None
             self.pilot.arrived()
 
     def start(self) -> bool:
@@ -154,6 +159,9 @@ class Executor:
 
     def _mission(self, t_ns: int) -> None:
         self._arrive(t_ns)
+        if self._jump_to is not None:
+            self.index, self._jump_to = self._jump_to, None
+            self.pilot.arrived()
         self._switch()
         self._skip_exposed()
         if not self._views_left():

@@ -44,12 +44,11 @@ class _Upload:
 class MissionService:
     """Holds the accepted plan's items and at most one upload under way."""
 
-    def __init__(self, accept: Callable[[list[Item]], bool]) -> None:
-        """accept: judges a complete plan; True makes it the plan."""
+    def __init__(self, accept: Callable[[list[Item]], bool], jump: Callable[[int], None]) -> None:
+        """accept: judges a complete plan; True makes it the plan. jump: goes on with this item of it."""
         self.items: list[Item] = []
         self.current = 0
-        self.busy = False
-        self._accept = accept
+        self._accept, self._jump = accept, jump
         self._upload: _Upload | None = None
         self._last_ack: tuple[int, int, int] | None = None
 
@@ -130,6 +129,7 @@ class MissionService:
         if message.seq >= len(self.items):
             return [self._ack(message, mav.MAV_MISSION_INVALID_SEQUENCE)]
         self.current = message.seq
+        self._jump(message.seq)
         return [mav.MAVLink_mission_current_message(message.seq)]
 
     def _cancel(self, message: Any, t_ns: int) -> list[mav.MAVLink_message]:

@@ -20,6 +20,7 @@ from missions.grid import VoxelGrid
 from missions.mavlink import Item, plan_sha256, route_from_items
 from missions.messages import (
     AnnouncedTrajectory,
+    LegReport,
     MapSnapshot,
     MavlinkFrames,
     Message,
@@ -75,7 +76,7 @@ class Vehicle:
         self.pilot = Pilot(vehicle_id, self.simulator, self.avoidance, Limits.of_fleet(fleet))
         self.camera = CameraPayload(vehicle_id, mission.camera, storage)
         self.executor = Executor(self.pilot, self.battery, mission.battery, self.camera, pad, hover)
-        self.missions = MissionService(self._judge)
+        self.missions = MissionService(self._judge, self.executor.jump)
         self.autopilot = Autopilot(vehicle_id, self.site, self.executor, self.missions)
         self.failsafe = Failsafe()
         self.wake_ns = 0
@@ -195,6 +196,9 @@ class Vehicle:
                 self._send(topics.PICTURE_CHUNK, chunk)
         for view_id in self.camera.lost(t_ns):
             log.warning("uav%d: no picture came for view %d", self.id, view_id)
+            self._send(topics.LEG_REPORT, LegReport(
+                plan_id=self._accepted.plan_id if self._accepted is not None else 0, view_id=view_id,
+                outcome="unreachable", detail="the camera gave no picture"))
         announcement = self.pilot.announcement(t_ns)
         if announcement is not None:
             self._send(topics.ANNOUNCED, announcement)
