@@ -15,6 +15,7 @@ from perception.depth.consistency import votes
 from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
 from perception.depth.sky import sky_mask
 from perception.depth.sources import MIN_SPACING_M, choose_sources, source_scores
+from perception.depth.texture import determinacy
 from tests.depth_scene import CAMERA, exact_depth_map, halved, wall_picture
 
 NORTH = math.pi / 2
@@ -156,3 +157,13 @@ def test_neighbours_confirm_truth_and_see_through_a_ghost() -> None:
     assert (against[80:, 60:170] == 0).all()
     assert (against[42:58, 102:118] >= 3).all()
     assert (agree[42:58, 102:118] == 0).all()
+
+
+def test_edge_along_the_epipolar_line_determines_nothing() -> None:
+    """An upright cable seen while climbing matches at any depth; seen while moving sideways it does not."""
+    camera, pose = CAMERA.scaled(228, 128), Pose((0.0, 0.0, 5.0), NORTH, 0.0)
+    gray = np.full((128, 228), 120.0, np.float32)
+    gray[:, 112:115] = 60.0
+    climbed, moved = Pose((0.0, 0.0, 7.0), NORTH, 0.0), Pose((1.0, 0.0, 5.0), NORTH, 0.0)
+    assert determinacy(gray, camera, pose, [climbed], 5)[20:100, 110:117].max() < 0.01
+    assert determinacy(gray, camera, pose, [climbed, moved], 5)[20:100, 110:117].min() > 0.99

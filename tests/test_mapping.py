@@ -44,8 +44,8 @@ def test_wall_is_occupied_and_nothing_behind_it_is_free() -> None:
     assert north.max() < 0.0
     wall = np.array([[x, 0.2, z] for x in np.arange(-4.0, 4.0, 0.3) for z in np.arange(2.5, 7.5, 0.3)])
     assert (grid.state_at(wall) == OCCUPIED).all()
-    assert (grid.state_at(wall + [0.0, 1.0, 0.0]) == UNKNOWN).all()
-    assert (grid.state_at(wall * [0.5, 0.0, 0.2] + [0.0, -3.0, 4.0]) == FREE).all()
+    assert (grid.state_at(wall + np.array([0.0, 1.0, 0.0])) == UNKNOWN).all()
+    assert (grid.state_at(wall * np.array([0.5, 0.0, 0.2]) + np.array([0.0, -3.0, 4.0])) == FREE).all()
 
 
 def test_empty_map_knows_nothing() -> None:
@@ -90,7 +90,7 @@ def test_ghost_seen_once_is_erased_by_many_free_rays() -> None:
     maps = _row(16)
     depth = maps[8].depth_m.copy()
     depth[60:68, 110:118] = 4.0
-    spot = np.array(maps[8].pose.position_enu_m) + [0.0, 4.1, 0.0]
+    spot = np.array(maps[8].pose.position_enu_m) + np.array([0.0, 4.1, 0.0])
     wrong = replace(maps[8], depth_m=np.where(depth == 4.0, np.float32(4.1), depth))
     assert _mapped([wrong]).grid().state_at(spot) != FREE
     assert _mapped([*maps[:8], wrong, *maps[9:]]).grid().state_at(spot) == FREE

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch.nn import functional
 
 from missions.camera import Camera, Pose
-from perception.depth import semi_global
+from perception.depth import semi_global, texture
 from perception.depth.depth_map import DepthMap, Image
 from perception.depth.sky import sky_mask
 
@@ -43,6 +43,8 @@ class SweepSettings:
     """Largest ratio of the best cost to the best cost elsewhere on the ray."""
     min_texture_dn: float = 1.5
     """Smallest standard deviation of grey in the window; noise alone is weaker."""
+    min_determinacy: float = 0.1
+    """Smallest share of gradient energy along an epipolar line; below, a straight edge matches at any depth."""
     sigma_px: float = 0.35
     """Standard deviation of matching, in pixels of the volume."""
     threads: int = 1
@@ -99,14 +101,20 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
     step = planes[1] - planes[0]
     depth = (1.0 / np.maximum((best + offset) * step, 1e-4)).astype(np.float32)
     ratio = np.take_along_axis(smooth, best[..., None].astype(np.int64), axis=2)[..., 0] / np.maximum(second, 1.0)
-    texture = _texture(target.gray, settings.window_px)
     confidence = np.clip(1.0 - cost / 0.8, 0.0, 1.0) * np.clip((1.0 - ratio) * 4.0, 0.0, 1.0)
-    valid = (cost < settings.max_cost) & (ratio < settings.max_ratio) & (texture > settings.min_texture_dn)
+    valid = (cost < settings.max_cost) & (ratio < settings.max_ratio) & _matchable(target, sources, settings)
     valid &= (best < len(planes) - 1) & ~target.sky
     valid[:2], valid[-2:], valid[:, :2], valid[:, -2:] = False, False, False, False
     rate = float(np.median([parallax_rate_px(target, source) for source in sources]))
     return DepthMap(target.camera, target.pose, depth, valid, np.where(valid, confidence, 0.0).astype(np.float32),
                     target.sky, settings.sigma_px / max(rate, 1e-6))
+
+
+def _matchable(target: Frame, sources: list[Frame], settings: SweepSettings) -> NDArray[np.bool_]:
+    """(h, w) windows with texture, some of it along the epipolar lines."""
+    along = texture.determinacy(target.gray, target.camera, target.pose, [s.pose for s in sources], settings.window_px)
+    strength = texture.deviation_dn(target.gray, settings.window_px)
+    return (strength > settings.min_texture_dn) & (along > settings.min_determinacy)
 
 
 def _epipolar_terms(target: Frame, source: Frame) -> tuple[Image, Image]:
@@ -115,13 +123,6 @@ def _epipolar_terms(target: Frame, source: Frame) -> tuple[Image, Image]:
     k = source.camera.matrix
     a = np.moveaxis(target.camera.rays_camera() @ (k @ source_from_target[:3, :3]).T, -1, 0)
     return a.astype(np.float32), (k @ source_from_target[:3, 3]).astype(np.float32)
-
-
-def _texture(gray: Image, window_px: int) -> Image:
-    size = (window_px, window_px)
-    mean = cv2.blur(gray, size)
-    result: Image = np.sqrt(np.maximum(cv2.blur(gray * gray, size) - mean * mean, 0.0))
-    return result
 
 
 def _cost_volume(target: Frame, sources: list[Frame], planes: Image, settings: SweepSettings) -> NDArray[np.int16]:

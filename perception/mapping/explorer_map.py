@@ -18,8 +18,10 @@ from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_fr
 from perception.depth.sources import choose_sources, source_scores
 from perception.mapping.voxel_map import MapSettings, VoxelMap
 
-CANDIDATES = 160
+CANDIDATES = 48
 """Nearest pictures considered as sources."""
+NEAR_M = 7.0
+"""New pictures further away than this are no reason to look for better sources."""
 BODY_M = 0.3
 """Half edge of the box that a camera's own presence proves free."""
 BETTER = 1.5
@@ -45,6 +47,7 @@ class ExplorerMap:
         self._sweep = sweep_settings or SweepSettings()
         self._count, self._least = sources, min_sources
         self._pictures: list[_Picture] = []
+        self._considered = 0
         self._workers = ThreadPoolExecutor(workers)
 
     def add_picture(self, rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> int:
@@ -56,7 +59,8 @@ class ExplorerMap:
 
     def update(self) -> list[int]:
         """Maps every picture that has enough sources by now; indices of pictures mapped or mapped anew."""
-        work = [(i, sources) for i in range(len(self._pictures)) if (sources := self._new_sources(i))]
+        work = [(i, sources) for i in self._affected() if (sources := self._new_sources(i))]
+        self._considered = len(self._pictures)
         frames = [(self._pictures[i].frame, [self._pictures[k].frame for k in sources]) for i, sources in work]
         depths = self._workers.map(lambda pair: estimate(pair[0], pair[1], self._sweep), frames)
         for (i, _), depth in zip(work, depths, strict=True):
@@ -84,6 +88,13 @@ class ExplorerMap:
     def predicted_coverage(self, lower_enu_m: Array, upper_enu_m: Array) -> float:
         """Share of the surface in a box believed to be mapped, from the map alone."""
         return predicted_coverage(self.grid(), lower_enu_m, upper_enu_m)
+
+    def _affected(self) -> list[int]:
+        """Pictures that may be estimated for the first or second time because of those added since the last update."""
+        position = np.array([p.frame.pose.position_enu_m for p in self._pictures]).reshape(-1, 3)
+        new = position[self._considered :]
+        return [i for i, p in enumerate(self._pictures)
+                if p.estimates < 2 and (np.linalg.norm(new - position[i], axis=1) < NEAR_M).any()]
 
     def _new_sources(self, index: int) -> list[int]:
         """Sources for a picture that has no depth yet, or that can have a much better one; else nothing."""

@@ -33,8 +33,9 @@ class MapSettings:
     """Pixels of one picture that a voxel needs to count as hit by it; fewer only count against free."""
     min_swept: float = 0.4
     """Share of a voxel's cross-section that one picture must sweep to count as seeing it free."""
-    free_swept: float = 1.0
-    """Cross-sections, summed over pictures with at most one each, that must be swept to call a voxel free."""
+    free_swept: float = 1.2
+    """Cross-sections, summed over pictures with at most one each, that must be swept to call a voxel free: never one
+    picture alone, for a single picture may look past a cable that it failed to match."""
     occupied_pictures: int = 2
     """Hit pictures that an occupied voxel needs ..."""
     occupied_share: float = 0.2
