@@ -28,6 +28,9 @@ log = logging.getLogger(__name__)
 EXPLORE_ENERGY_SHARE = 0.5
 """Share of the usable battery that exploration may take when a survey follows."""
 
+MAX_TROUBLE = 8
+"""Refused or blocked legs in a row after which a vehicle stops exploring."""
+
 Phase = Literal["explore", "survey", "return", "over"]
 
 
@@ -42,7 +45,8 @@ class Director:
         self._legs: dict[int, Leg] = {}
         self._column_flown: set[int] = set()
         self._done_exploring: set[int] = set()
-        self._fresh = True
+        self._asked: set[int] = set()
+        self._trouble: dict[int, int] = {}
         self._decisions = 0
         self._pictures = 0
         self._handed_over: set[int] = set()
@@ -77,7 +81,9 @@ class Director:
         for picture in self._fleet.new_pictures:
             self._explorer.add(picture)
             self._recorder.picture(picture.meta, picture.meta.vehicle_id)
-            self._fresh = True
+            if picture.meta.view_id in self._explorer.key_views:
+                self._asked.clear()
+                self._trouble.pop(picture.meta.vehicle_id, None)
         for drone in self._fleet.drones.values():
             self._settle_leg(drone)
         for drone in self._fleet.in_stage(Stage.PARKED):
@@ -88,11 +94,15 @@ class Director:
             self._enter("survey" if self._mission.survey.enabled else "return")
 
     def _settle_leg(self, drone: Drone) -> None:
-        """What was refused or reported blocked is not tried again."""
-        leg = self._legs.get(drone.vehicle_id)
+        """What was refused or reported blocked is not tried again; a vehicle that only ever meets trouble is done."""
+        k, leg = drone.vehicle_id, self._legs.get(drone.vehicle_id)
         if leg is not None and (drone.refused or drone.reports):
             self._explorer.forbid(leg.goal)
-            self._fresh = True
+            self._trouble[k] = self._trouble.get(k, 0) + 1
+            if self._trouble[k] >= MAX_TROUBLE:
+                self._done_exploring.add(k)
+                self._recorder.note(self._fleet.t_ns, f"vehicle {k} stops exploring after {MAX_TROUBLE} legs in a row "
+                                                      "that were refused or blocked")
         drone.reports.clear()
         drone.refused = ""
 
@@ -106,13 +116,15 @@ class Director:
             elif self._decisions >= self._mission.explore.max_views or self._range_m(drone) <= 0.0:
                 self._done_exploring.add(drone.vehicle_id)
         asking = [d for d in ready if d.stage is Stage.READY and d.vehicle_id not in self._done_exploring]
-        if asking and self._fresh:
+        if any(d.vehicle_id not in self._asked for d in asking):
             self._decide(asking)
+        if not self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
+            self._done_exploring.update(d.vehicle_id for d in asking)
 
     def _decide(self, asking: list[Drone]) -> None:
         explorer = self._explorer
         explorer.refresh()
-        self._fresh = False
+        self._asked.update(d.vehicle_id for d in asking)
         self._send_map(explorer.grid)
         self._recorder.predicted_coverage.append(round(explorer.coverage, 4))
         others = [d for d in self._fleet.drones.values() if d.airborne and d not in asking]
@@ -126,16 +138,15 @@ class Director:
                 self._without_view(drone, drone.vehicle_id in found.stuck)
 
     def _without_view(self, drone: Drone, stuck: bool) -> None:
-        """Nothing for this vehicle now: look around when it is shut in, else wait for the others or be done."""
+        """Nothing for this vehicle now: look around when it is shut in, else wait for what the others find."""
         leg = self._explorer.look_around(self._asking(drone)) if stuck else None
         if leg is not None:
             self._recorder.note(self._fleet.t_ns, f"vehicle {drone.vehicle_id} reaches no candidate and looks around")
             self._fly_leg(drone, leg)
-        elif not self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
-            self._done_exploring.add(drone.vehicle_id)
 
     def _fly_leg(self, drone: Drone, leg: Leg) -> None:
         self._legs[drone.vehicle_id] = leg
+        self._asked.discard(drone.vehicle_id)
         self._fleet.fly(drone, "explore", leg.waypoints)
 
     def _exploration_over(self) -> bool:

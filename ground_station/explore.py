@@ -12,7 +12,7 @@ from ground_station.airspace import Airspace, joined
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
 from missions.camera import Pose
-from missions.frames import Array
+from missions.frames import Array, forward_enu
 from missions.grid import VoxelGrid
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief
@@ -32,6 +32,11 @@ GOAL_SPACING_M = 2.0
 """Goals of two vehicles are this much farther apart than fleet.separation_m."""
 DETOUR = 1.3
 """Ways home are taken to be this much longer than a straight line."""
+CLIMB_PICTURES = 8
+"""Close enough together that two of them see every voxel before the column; the map calls nothing free that only one
+picture looked through."""
+SWEEP_OFFSET_M = 1.5
+"""How far beside its middle a vehicle may fly in its column."""
 FALLBACK_TURN_RAD = math.radians(50.0)
 MAX_FALLBACKS = 6
 
@@ -140,28 +145,39 @@ class Explorer:
         stuck = [q.vehicle_id for q in queries if not np.isfinite(q.distance_m).any()]
         return Decision(legs, stuck, found.best_gain_m2)
 
-    def column(self, vehicle_id: int, turn_rad: float = 0.0, up: bool = True) -> Leg:
-        """Pictures on a vertical line over the pad, facing the object's centre (turned by turn_rad)."""
+    def column(self, vehicle_id: int) -> Leg:
+        """The first pictures: on the vertical line over the pad, facing the object's centre."""
         hover = self._hover[vehicle_id - 1]
-        middle = 0.5 * (np.array(self._site.object_min_enu_m) + np.array(self._site.object_max_enu_m))
-        yaw = math.atan2(middle[1] - hover[1], middle[0] - hover[0]) + turn_rad
-        heights = (hover[2], hover[2] + CLIMB_M) if up else (hover[2] + CLIMB_M, hover[2])
-        waypoints = column_leg(hover, heights, yaw, self._mission.explore.frames_per_leg, self._next_view_id)
-        return self._register(vehicle_id, waypoints)
+        return self._sweep(vehicle_id, hover, float(hover[2]), float(hover[2]) + CLIMB_M, 0.0)
 
     def look_around(self, asking: Asking) -> Leg | None:
-        """For a vehicle that can reach nothing: another pass through its column, or other directions from where it
-        hovers; None after MAX_FALLBACKS of them."""
+        """For a vehicle that can reach nothing: another pass through its column, off its middle, so that more is seen
+        of the space before it; or other directions from where it hovers. None after MAX_FALLBACKS of them."""
         n = self._fallbacks[asking.vehicle_id] = self._fallbacks.get(asking.vehicle_id, 0) + 1
         if n > MAX_FALLBACKS:
             return None
-        turn = FALLBACK_TURN_RAD * ((n + 1) // 2) * (1 if n % 2 else -1)
-        above = asking.position_enu_m - self._hover[asking.vehicle_id - 1]
-        if np.hypot(above[0], above[1]) < 0.5:
-            return self.column(asking.vehicle_id, turn, up=bool(above[2] < 0.5 * CLIMB_M))
-        here = asking.position_enu_m
-        goal = Pose((float(here[0]), float(here[1]), float(here[2])), asking.yaw_enu_rad + turn, 0.0)
+        side = 1.0 if n % 2 else -1.0
+        turn = side * FALLBACK_TURN_RAD * ((n - 1) // 2)
+        hover, here = self._hover[asking.vehicle_id - 1], asking.position_enu_m
+        if np.hypot(*(here - hover)[:2]) < 1.5 * SWEEP_OFFSET_M:
+            ahead = forward_enu(self._yaw_to_object(hover), 0.0)
+            offset = SWEEP_OFFSET_M * np.clip(ahead + side * np.array([-ahead[1], ahead[0], 0.0]), -1.0, 1.0)
+            low, high = float(hover[2]), float(hover[2]) + CLIMB_M
+            ends = (low, high) if here[2] < 0.5 * (low + high) else (high, low)
+            return self._sweep(asking.vehicle_id, hover + offset, *ends, turn)
+        x, y, z = (float(c) for c in here)
+        goal = Pose((x, y, z), asking.yaw_enu_rad + side * FALLBACK_TURN_RAD, 0.0)
         return self._leg(asking, np.stack([here, here]), goal)
+
+    def _sweep(self, vehicle_id: int, foot_enu_m: Array, first_up_m: float, last_up_m: float, turn_rad: float) -> Leg:
+        """Pictures on a vertical line from the first to the last height, facing the object's centre but for a turn."""
+        yaw = self._yaw_to_object(foot_enu_m) + turn_rad
+        return self._register(vehicle_id, column_leg(foot_enu_m, (first_up_m, last_up_m), yaw, CLIMB_PICTURES,
+                                                     self._next_view_id))
+
+    def _yaw_to_object(self, from_enu_m: Array) -> float:
+        middle = 0.5 * (np.array(self._site.object_min_enu_m) + np.array(self._site.object_max_enu_m))
+        return math.atan2(middle[1] - from_enu_m[1], middle[0] - from_enu_m[0])
 
     def forbid(self, goal: Pose) -> None:
         """Never again send anybody to this position: it was refused or blocked."""

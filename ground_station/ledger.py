@@ -87,6 +87,10 @@ class ViewLedger:
             entry.outcome, entry.holder = outcome, None
             self._gave_up.pop(view_id, None)
 
+    def why_released(self, view_id: int) -> str:
+        """Why its last holder gave an open view back; "" when nobody has."""
+        return self._gave_up.get(view_id, (0, ""))[1]
+
     def refused_by(self, view_id: int) -> list[int]:
         """Vehicles that found this view blocked."""
         return list(self._entries[view_id].blocked_by)

@@ -148,7 +148,8 @@ class Survey:
             able = [f for f in flyers if f.vehicle_id not in refused_by]
             if not able:
                 for view_id in views:
-                    self.ledger.settle(view_id, UNREACHABLE if refused_by else ENERGY)
+                    self.ledger.settle(view_id, UNREACHABLE if refused_by else
+                                       self.ledger.why_released(view_id) or UNREACHABLE)
                 continue
             self._hand_over(views, able, t_s)
 

@@ -76,7 +76,7 @@ def test_every_view_gets_exactly_one_outcome(vehicles: int, n: int, rng: random.
     outcomes = survey.ledger.outcomes()
     assert survey.over
     assert set(outcomes) == {str(10001 + i) for i in range(n)}
-    assert set(outcomes.values()) <= {FLOWN, UNREACHABLE, ENERGY}
+    assert set(outcomes.values()) <= {FLOWN, UNREACHABLE, ENERGY, "lost"}
     assert sorted(flown) == sorted(int(k) for k, v in outcomes.items() if v == FLOWN)
     assert len(flown) == len(set(flown))
 
