@@ -65,8 +65,8 @@ def make_frame(rgb: NDArray[np.uint8], camera: Camera, pose: Pose, shrink: int =
     """A picture (h, w, 3), shrunk by area averaging, with its conservative sky mask."""
     small = camera.scaled(camera.width_px // shrink, camera.height_px // shrink)
     rgb_small = cv2.resize(rgb, (small.width_px, small.height_px), interpolation=cv2.INTER_AREA)
-    gray = rgb_small.astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
-    return Frame(small, pose, gray, sky_mask(rgb_small, small, pose))
+    gray = cv2.cvtColor(rgb_small.astype(np.float32), cv2.COLOR_RGB2GRAY)
+    return Frame(small, pose, np.asarray(gray, dtype=np.float32), sky_mask(rgb_small, small, pose))
 
 
 def inverse_depths(target: Frame, sources: list[Frame], settings: SweepSettings) -> Image:
