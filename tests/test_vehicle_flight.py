@@ -69,8 +69,8 @@ def test_pictures_in_passing_are_taken_at_speed_at_the_very_instant(tmp_path: Pa
     assert any(s.t_capture_ns % TICK_NS for s in world.shutters)
 
 
-@pytest.mark.parametrize("beam", [((-1.0, -10.15, 0.0), (-0.7, -9.85, 9.0)), ((-1.0, -14.0, 4.9), (-0.7, -6.0, 5.2))],
-                         ids=["upright", "across"])
+@pytest.mark.parametrize("beam", [((-1.0, -10.15, 0.0), (-0.7, -9.85, 9.0)), ((-1.0, -14.0, 4.9), (-0.7, -6.0, 5.2)),
+                                  ((-1.0, -13.0, 4.7), (-0.9, -7.0, 4.8))], ids=["upright", "across", "thin"])
 def test_flies_around_a_beam_that_appears_across_its_leg(tmp_path: Path, beam: object) -> None:
     world = World(mission(), tmp_path)
     world.share_map(open_map(world.mission))

@@ -8,7 +8,7 @@ import numpy as np
 
 from missions.frames import Array
 from missions.mission import FleetSpec
-from missions.sensors import RANGE_DIRECTIONS
+from missions.sensors import fibonacci_directions
 from planning.paths import NoPath, VoxelField, plan_path
 from planning.trajectories import Flight
 from vehicle.sensor_memory import HIT_RADIUS_M, SensorMemory
@@ -22,6 +22,8 @@ REPLAN_REACH_M = (6.0, 16.0)
 """How far around the direct way a detour is looked for, first and then."""
 ESCAPE_STEPS_M = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 BODY_SPARE_M = 0.2
+DIRECTIONS = fibonacci_directions(320)
+"""In which a way out of a narrow place, or out of a teammate's way, is looked for."""
 
 
 class Knowledge(NamedTuple):
@@ -95,7 +97,7 @@ class Avoidance:
         """Where to go to leave a place to a teammate that wants it; None where there is no room."""
         others = self.teammates.positions(t_ns)
         keep = self._fleet.separation_m + 2.0 * SEPARATION_SPARE_M
-        level = RANGE_DIRECTIONS[np.abs(RANGE_DIRECTIONS[:, 2]) < 0.5]
+        level = DIRECTIONS[np.abs(DIRECTIONS[:, 2]) < 0.5]
         best: tuple[float, Array] | None = None
         for distance in (keep + 0.5, keep + 2.5):
             for goal in place_enu_m + distance * level:
@@ -121,7 +123,7 @@ class Avoidance:
         """The nearest place with the clearance, along a straight way that does not come nearer to anything."""
         here = float(field.clearance_m(start)[0])
         for distance in ESCAPE_STEPS_M:
-            goals = start + distance * RANGE_DIRECTIONS
+            goals = start + distance * DIRECTIONS
             room = field.clearance_m(goals)
             room[np.any(goals < self._lower, axis=1) | np.any(goals > self._upper, axis=1)] = 0.0
             for m in np.argsort(-room, kind="stable"):

@@ -53,7 +53,7 @@ class SensorMemory:
         """columns: boxes (lower, upper) known to be free from the start."""
         self._lower, self._upper, self._reach, self._columns = lower_enu_m, upper_enu_m, reach_m, columns
         self.map_version = self.hit_version = 0
-        self._row_of: dict[tuple[int, ...], int] = {}
+        self._keys: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._points: Array = np.zeros((0, 3))
         self._new: Array = np.zeros((0, 3))
         self._seen_ns: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
@@ -113,18 +113,19 @@ class SensorMemory:
         return bool(gap.min() >= clearance_m)
 
     def _remember(self, hits: Array, t_ns: int) -> None:
-        cells = [tuple(c) for c in np.floor(hits / HIT_CELL_M).astype(int).tolist()]
-        fresh: list[int] = []
-        for n, cell in enumerate(cells):
-            row = self._row_of.get(cell)
-            if row is None:
-                self._row_of[cell] = len(self._points) + len(fresh)
-                fresh.append(n)
-            elif row < len(self._seen_ns):
-                self._seen_ns[row] = t_ns
-        if fresh:
-            self._points = np.concatenate([self._points, hits[fresh]])
-            self._seen_ns = np.concatenate([self._seen_ns, np.full(len(fresh), t_ns, dtype=np.int64)])
+        """Keep one point per cell, in the order of the cells' numbers."""
+        cells = np.floor((hits - self._lower) / HIT_CELL_M).astype(np.int64)
+        keys, first = np.unique((cells[:, 0] << 40) + (cells[:, 1] << 20) + cells[:, 2], return_index=True)
+        place = np.searchsorted(self._keys, keys)
+        known = np.zeros(len(keys), dtype=np.bool_)
+        inside = place < len(self._keys)
+        known[inside] = self._keys[place[inside]] == keys[inside]
+        self._seen_ns[place[known]] = t_ns
+        if not known.all():
+            fresh = ~known
+            self._keys = np.insert(self._keys, place[fresh], keys[fresh])
+            self._points = np.insert(self._points, place[fresh], hits[first[fresh]], axis=0)
+            self._seen_ns = np.insert(self._seen_ns, place[fresh], t_ns)
             self.hit_version += 1
             self._note_new()
         if t_ns >= self._forget_ns:
@@ -133,9 +134,7 @@ class SensorMemory:
     def _forget(self, t_ns: int) -> None:
         keep = self._seen_ns >= t_ns - HIT_MEMORY_NS
         if not keep.all():
-            new_row = np.cumsum(keep) - 1
-            self._row_of = {c: int(new_row[r]) for c, r in self._row_of.items() if keep[r]}
-            self._points, self._seen_ns = self._points[keep], self._seen_ns[keep]
+            self._keys, self._points, self._seen_ns = self._keys[keep], self._points[keep], self._seen_ns[keep]
             self.hit_version += 1
             self._note_new()
         self._forget_ns = t_ns + FORGET_EVERY_NS
