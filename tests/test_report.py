@@ -197,6 +197,13 @@ def test_tiles_judge(done: RunFolder) -> None:
     assert unknown["Collisions"] == ("–", tiles.NEUTRAL)
 
 
+def test_memory_of_later_stages_is_not_added_to_the_flight(done: RunFolder) -> None:
+    data = read_run(done)
+    peaks = {"bridge": 900.0, "ground": 1500.0, "uav1": 300.0, "reconstruct": 2000.0, "report": 800.0}
+    shown = {t.name: t.value for t in tiles.key_numbers(data, {**assemble(data, None), "peak_memory_mib": peaks})}
+    assert shown["Memory"] == "2,700 MiB"
+
+
 def test_hand_overs_are_marked_on_the_battery_curve(done: RunFolder) -> None:
     figure = charts.battery_curves(read_run(done))
     assert figure is not None

@@ -79,7 +79,7 @@ def _reduce(picture: Pixels) -> Pixels:
 def data_uri(picture: Pixels, kind: str = "PNG") -> str:
     """The picture as the content of an `img` element."""
     stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, kind, **({"optimize": True} if kind == "PNG" else {"quality": 82}))
+    Image.fromarray(picture).save(stream, kind, quality=82)
     return f"data:image/{kind.lower()};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 

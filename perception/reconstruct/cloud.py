@@ -14,7 +14,7 @@ from missions.errors import UserError
 from missions.frames import Array
 
 ISLAND_CELL_M = 0.15
-ISLAND_POINTS = 60
+ISLAND_POINTS = 30
 
 
 @dataclass(frozen=True)
