@@ -1,0 +1,162 @@
+"""Legs, airspace, views files and the launcher's refusals."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ground_station import launcher
+from ground_station.airspace import Airspace
+from ground_station.explore import MAX_FALLBACKS, Asking, Explorer
+from ground_station.legs import picture_leg
+from ground_station.recorder import Recorder
+from ground_station.survey_views import check_survey, known_outside
+from ground_station.views_file import read_views
+from missions.camera import Pose
+from missions.errors import UserError
+from missions.grid import FREE, UNKNOWN, VoxelGrid
+from missions.messages import SiteBrief, VehicleState
+from missions.mission import ExploreSpec, Mission, load_mission
+from missions.pads import geofence, hover_points
+from missions.run_folder import RunFolder
+
+SITE = SiteBrief(object_min_enu_m=(-4.0, -3.0, 0.0), object_max_enu_m=(4.0, 3.0, 7.0), ground_up_m=0.0)
+MISSION = Mission(title="t")
+
+
+def known(free: tuple[slice, slice, slice]) -> Airspace:
+    grid = VoxelGrid.unknown(*geofence(MISSION, SITE), 0.5)
+    grid.state[free] = FREE
+    return Airspace.of(grid, MISSION, SITE)
+
+
+@given(st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=2, max_size=6), st.integers(1, 8),
+       st.floats(-3, 3), st.floats(-3, 3))
+def test_a_leg_ends_at_its_key_view_and_spreads_its_pictures(points: list[tuple[float, float, float]], frames: int,
+                                                             yaw_a: float, yaw_b: float) -> None:
+    path = np.array(points)
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    goal = Pose(points[-1], yaw_b, 0.3)
+    leg = picture_leg(path, Pose((0.0, 0.0, 0.0), yaw_a, -0.5), goal, frames, 40)
+    ids = [w.view_id for w in leg if w.view_id is not None]
+    assert ids == list(range(40, 40 + len(ids)))
+    assert len(ids) == (frames if length >= 0.05 else 1)
+    assert np.allclose(leg[-1].position_enu_m, path[-1], atol=1e-6)
+    assert leg[-1].gimbal_elevation_rad == pytest.approx(0.3)
+    assert np.cos(leg[-1].yaw_enu_rad - yaw_b) == pytest.approx(1.0)
+    assert leg[-1].stop
+    assert leg[-1].view_id == ids[-1]
+    assert not any(w.stop for w in leg[:-1])
+
+
+def test_paths_stay_in_known_free_space_and_clear_of_teammates() -> None:
+    space = known((slice(None), slice(None), slice(None)))
+    a, b, mate = np.array([-12.0, -8.0, 5.0]), np.array([12.0, -8.0, 5.0]), np.array([0.0, -8.0, 5.0])
+    path = space.path(a, b, [mate])
+    assert path is not None
+    f = np.linspace(0, 1, 200)[:, None]
+    fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
+    assert np.linalg.norm(fine - mate, axis=1).min() >= MISSION.fleet.separation_m
+    assert known((slice(0, 40), slice(None), slice(None))).path(a, b, []) is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.2, 1.25))
+def test_a_place_that_became_narrow_is_left_without_coming_nearer(depth: float) -> None:
+    space = known((slice(0, 60), slice(None), slice(None)))
+    wall = space.field.origin[0] + 0.5 * space.field.voxel_m + 60 * 0.5
+    start = np.array([wall - depth, 0.0, 10.0])
+    wide = space.wide_place(space.field, start)
+    assert space.clear_at(wide[None])[0]
+    before = space.field.clearance_m(start)[0]
+    along = start + np.linspace(0, 1, 50)[:, None] * (wide - start)
+    assert space.field.clearance_m(along).min() >= before - 0.35
+    assert np.linalg.norm(wide - start) <= 4.0 + 1e-9
+
+
+def test_shut_in_vehicles_look_around_inside_their_column_and_give_up() -> None:
+    explorer = Explorer(MISSION, SITE)
+    hover = np.array(hover_points(MISSION, SITE)[0])
+    space = Airspace.of(explorer.grid, MISSION, SITE)
+    here, seen = hover, set[int | None]()
+    for _ in range(MAX_FALLBACKS):
+        decision = explorer.decide([Asking(1, here, 0.0, 0.0, 1e4)], [])
+        assert (decision.legs, decision.stuck) == ([], [1])
+        leg = explorer.look_around(Asking(1, here, 0.0, 0.0, 1e4))
+        assert leg is not None
+        assert space.clear_at(np.array([w.position_enu_m for w in leg.waypoints])).all()
+        ids = {w.view_id for w in leg.waypoints}
+        assert not ids & seen
+        seen |= ids
+        here = np.array(leg.waypoints[-1].position_enu_m)
+    assert explorer.look_around(Asking(1, here, 0.0, 0.0, 1e4)) is None
+
+
+def test_views_files_are_read_or_refused_with_line_and_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "views.csv"
+    path.write_text("view_id,east_m,north_m,up_m,yaw_deg,elevation_deg\n7,1,2,3,90,-30\n")
+    [view] = read_views(path)
+    assert (view.view_id, view.pose.position_enu_m) == (7, (1.0, 2.0, 3.0))
+    assert (view.pose.yaw_enu_rad, view.pose.elevation_rad) == pytest.approx((np.pi / 2, -np.pi / 6))
+    q = view.pose.quaternion_wxyz
+    path.write_text("view_id,east_m,north_m,up_m,qw,qx,qy,qz\n7,1,2,3," + ",".join(map(str, q)) + "\n")
+    assert read_views(path)[0].pose.yaw_enu_rad == pytest.approx(np.pi / 2)
+    for text, hint in (("view_id,east_m\n1,2\n", "north_m, up_m are missing"),
+                       ("view_id,east_m,north_m,up_m,yaw_deg,elevation_deg\n7,x,2,3,90,0\n", "line 2"),
+                       ("view_id,east_m,north_m,up_m,yaw_deg,elevation_deg\n7,nan,2,3,90,0\n", "not a finite view"),
+                       ("view_id,east_m,north_m,up_m,yaw_deg,elevation_deg\n" + "7,1,2,3,0,0\n" * 2, "occurs twice")):
+        path.write_text(text)
+        with pytest.raises(UserError, match=hint):
+            read_views(path)
+
+
+def test_a_survey_that_knows_nothing_is_refused() -> None:
+    with pytest.raises(UserError, match="explore first or give a views file"):
+        check_survey(Mission(title="t", explore=ExploreSpec(enabled=False)))
+
+
+def test_without_exploration_the_objects_box_is_not_free() -> None:
+    grid = known_outside(MISSION, SITE)
+    inside = np.random.default_rng(1).uniform(SITE.object_min_enu_m, SITE.object_max_enu_m, (200, 3))
+    assert (grid.state_at(inside) == UNKNOWN).all()
+    assert grid.state_at(np.array([[-12.0, -8.0, 5.0]]))[0] == FREE
+
+
+def test_the_command_line_overrides_the_mission_and_refuses_nonsense(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    options = launcher._parse(["bridge", "--set", "explore.max_views=7", "--vehicles", "3", "--scene", "statue",
+                               "--speed", "2", "--run", str(run)])
+    mission, folder = launcher.prepare(options)
+    assert (mission.explore.max_views, mission.fleet.vehicles, mission.scene.name) == (7, 3, "statue")
+    assert load_mission(folder.mission) == mission
+    with pytest.raises(UserError, match="not empty"):
+        launcher.prepare(options)
+    for bad, hint in ((["bridge", "--scene", "nowhere.glb"], "nowhere.glb"), (["bridge", "--set", "x"], "no '='"),
+                      (["bridge", "--set", "explore.mox=1"], "unknown key explore.mox")):
+        with pytest.raises(UserError, match=hint):
+            launcher.prepare(launcher._parse([*bad, "--run", str(tmp_path / "other")]))
+
+
+def test_what_is_known_is_written_when_the_mission_is_cut_short(tmp_path: Path) -> None:
+    run = RunFolder(tmp_path)
+    recorder = Recorder(run, MISSION)
+    recorder.begin("explore", 0)
+    for tick in range(30):
+        x = 0.1 * tick
+        recorder.tracks[1].add(VehicleState(
+            vehicle_id=1, t_ns=tick * 70_000_000, position_enu_m=(x, 0.0, 2.0), velocity_enu_m_s=(1.0, 0.0, 0.0),
+            acceleration_enu_m_s2=(0.0, 0.0, 0.0), yaw_enu_rad=0.0, gimbal_elevation_rad=0.0,
+            battery_percent=100.0 - x, flying=True, mode="mission"))
+    recorder.write(2_030_000_000)
+    with np.load(run.trajectories) as tracks:
+        assert np.allclose(tracks["uav1_t_s"], np.arange(21) / 10)
+        assert np.allclose(tracks["uav1_position_enu_m"][:, 0], tracks["uav1_t_s"] / 0.7)
+    record = json.loads(run.flight.read_text())
+    assert record["phases"]["explore"]["end_s"] == pytest.approx(2.03)
+    assert record["fleet"]["path_m"]["1"] == pytest.approx(2.9)
