@@ -6,6 +6,7 @@ import base64
 import io
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -34,15 +35,12 @@ def splat(points_enu_m: NDArray[np.float32], colours: Pixels, yaw_enu_rad: float
     row = np.floor((local[order, 1] - v) * scale).astype(np.int64)
     picture = np.full((height, width_px * SUPERSAMPLE, 3), BACKGROUND, dtype=np.uint8)
     depth = np.full(picture.shape[:2], np.inf, dtype=np.float32)
-    nearest = np.full(picture.shape[:2], -1, dtype=np.int64)
-    rank = np.arange(len(order))  # far to near, so the highest rank on a pixel hides the others
-    rank = np.arange(len(order))
-    half = max(1, math.ceil(point_m * scale)) // 2
-    for dy in range(-half, half + 1):
-        for dx in range(-half, half + 1):
-            y, x = row + dy, column + dx
-            inside = (y >= 0) & (y < picture.shape[0]) & (x >= 0) & (x < picture.shape[1])
-            np.maximum.at(nearest, (y[inside], x[inside]), rank[inside])
+    # Far to near, so the highest rank on a pixel hides the others; float32 holds ranks exactly up to 16 million.
+    front = np.full(picture.shape[:2], -1.0, dtype=np.float32)
+    inside = (row >= 0) & (row < picture.shape[0]) & (column >= 0) & (column < picture.shape[1])
+    np.maximum.at(front, (row[inside], column[inside]), np.flatnonzero(inside).astype(np.float32))
+    size = 2 * (max(1, math.ceil(point_m * scale)) // 2) + 1
+    nearest = cv2.dilate(front, np.ones((size, size), np.uint8)).astype(np.int64)
     hit = nearest >= 0
     picture[hit] = colours[order[nearest[hit]]]
     depth[hit] = local[order[nearest[hit]], 2]
