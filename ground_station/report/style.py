@@ -23,7 +23,8 @@ section { background:#fff; border:1px solid var(--line); border-radius:8px; padd
 .mark { font-size:13px; font-weight:600; }
 .two { display:grid; grid-template-columns:1fr 1fr; gap:18px; } .two section { margin-top:18px; min-width:0; }
 .three { display:grid; grid-template-columns:repeat(3,1fr); gap:12px; }
-figure { margin:0; min-width:0; } figure img { width:100%; max-height:560px; object-fit:contain; display:block; border-radius:4px; cursor:zoom-in; }
+figure { margin:0; min-width:0; } figure img { width:100%; max-height:560px; object-fit:contain;
+  display:block; border-radius:4px; cursor:zoom-in; }
 figure.big { grid-column:1/-1; } figure.big img { max-height:none; cursor:zoom-out; }
 table { border-collapse:collapse; width:100%; font-size:14px; font-variant-numeric:tabular-nums; }
 th { text-align:left; font-weight:600; color:var(--soft); font-size:13px; }
