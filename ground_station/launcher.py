@@ -80,7 +80,8 @@ class Flight:
                     continue
                 del self.running[name]
                 if code != 0:
-                    complaints.append(f"{name} ended with code {code}; read {self._log_path(name)}.")
+                    where = "its messages above" if name == "ground" else str(self._log_path(name))
+                    complaints.append(f"{name} ended with code {code}; read {where}.")
                     log.warning(complaints[-1])
                 if code != 0 and name in essential:
                     self.stop()

@@ -172,3 +172,32 @@ def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path) -> None:
     with np.load(run.trajectories) as tracks:
         origin = dict(zip(tracks["uav2_view_ids"], tracks["uav2_origin_ids"], strict=True))
     assert {origin[v] for v in handed_over} == {1}
+
+
+def test_a_vehicle_that_runs_low_hands_its_views_over_and_keeps_their_origin(tmp_path: Path) -> None:
+    run, complaints = fly(tmp_path, ["battery.percent_per_m=0.4", "battery.start_percent=[31.0, 100.0]",
+                                     "explore.max_views=6", "survey.max_views=24"])
+    assert complaints == []
+    record, referee = flight_of(run), json.loads(run.referee.read_text())
+    assert referee["collisions"] == 0
+    assert any("vehicle 1 returns by itself" in note for note in record["notes"])
+    assert record["fleet"]["battery_end_percent"]["1"] > 0.0
+    assert set(record["outcomes"].values()) == {"flown"}
+    assert record["reassignments"]
+    assert {(r["from"], r["to"], r["reason"]) for r in record["reassignments"]} == {(1, 2, "energy")}
+    assert {r["view_id"] for r in record["reassignments"]} <= set(record["tours"]["2"])
+
+
+def test_a_killed_bridge_ends_the_flight_names_its_log_and_keeps_what_was_received(tmp_path: Path) -> None:
+    def kill_bridge(flight: launcher.Flight, status: Status) -> None:
+        if status.pictures and "bridge" in flight.running:
+            os.kill(flight.running["bridge"].pid, signal.SIGKILL)
+
+    run, complaints = fly(tmp_path, ["clock.speed=8.0"], watch=kill_bridge)
+    assert any(c.startswith("bridge ended with code -9; read") and c.endswith("bridge.log.") for c in complaints)
+    with run.views_csv.open() as f:
+        rows = list(csv.DictReader(f))
+    assert rows
+    assert all((run.root / row["path"]).is_file() for row in rows)
+    assert flight_of(run)["tours"]
+    assert run.trajectories.is_file()
