@@ -32,7 +32,7 @@ class FakeVehicle:
 
     def __init__(self) -> None:
         self.endpoint = Endpoint(VEHICLE, AUTOPILOT_COMPONENT)
-        self.service = MissionService(self._judge)
+        self.service = MissionService(self._judge, jump=lambda item: None)
         self.announced: PlanHash | None = None
         self.accepted: list[list[Item]] = []
         self.verdicts: list[PlanVerdict] = []
