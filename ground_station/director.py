@@ -174,8 +174,11 @@ class Director:
             self._explorer.refresh()
         grid = self._explorer.grid if explored else known_outside(self._mission, self._site)
         self._send_map(grid)
-        views = survey_views(self._mission, self._site, grid, self._explorer.map.surface() if explored else None,
-                             self._explorer.key_views, [f.position_enu_m for f in flyers])
+        surface = self._explorer.map.surface() if explored else None
+        if surface is not None:
+            self._recorder.write_map(grid, surface)
+        views = survey_views(self._mission, self._site, grid, surface, self._explorer.key_views,
+                             [f.position_enu_m for f in flyers])
         self._airspace = Airspace.of(grid, self._mission, self._site)
         self._survey = Survey(views, self._mission.survey)
         self._survey.allocate(flyers, self._fleet.t_ns / SECOND_NS)

@@ -7,11 +7,13 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from missions.clock import SECOND_NS
 from missions.frames import Array
-from missions.messages import PictureMeta, VehicleState
+from missions.grid import SurfaceVoxels, VoxelGrid
+from missions.messages import PictureMeta, SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.run_folder import RunFolder
 
@@ -59,8 +61,8 @@ class Track:
 class Recorder:
     """Collects during the flight; `write` may be called at any time, also after a crash, and writes what is known."""
 
-    def __init__(self, run: RunFolder, mission: Mission) -> None:
-        self._run, self._mission = run, mission
+    def __init__(self, run: RunFolder, mission: Mission, site: SiteBrief) -> None:
+        self._run, self._mission, self._site = run, mission, site
         self.tracks = {k: Track() for k in range(1, mission.fleet.vehicles + 1)}
         self.phases: dict[str, dict[str, float]] = {}
         self.battery_at_view: list[dict[str, float | int]] = []
@@ -97,6 +99,12 @@ class Recorder:
                                      "t_s": meta.t_capture_ns / SECOND_NS,
                                      "battery_percent": track.battery[i] if i >= 0 else 100.0})
 
+    def write_map(self, grid: VoxelGrid, surface: SurfaceVoxels) -> None:
+        """Write map.npz, what the survey was planned on."""
+        np.savez_compressed(self._run.map, origin_enu_m=grid.origin_enu_m, voxel_m=grid.voxel_m, state=grid.state,
+                            surface_position_enu_m=surface.position_enu_m, surface_normal_enu=surface.normal_enu,
+                            surface_seen_count=surface.seen_count)
+
     def write(self, t_ns: int) -> None:
         """Write trajectories.npz and flight.json; a phase that was cut short ends here."""
         for phase in self._wall.keys() - self._ended:
@@ -114,7 +122,7 @@ class Recorder:
         values = list(self.outcomes.values())
         return {
             "title": self._mission.title, "seed": self._mission.seed, "mission_hash": self._mission.mission_hash,
-            "phases": self.phases,
+            "site": msgspec.to_builtins(self._site), "phases": self.phases,
             "fleet": {
                 "makespan_s": t_ns / SECOND_NS,
                 "path_m": {str(k): track.path_m() for k, track in self.tracks.items()},

@@ -76,6 +76,11 @@ class RunFolder:
         return self.root / "flight.json"
 
     @property
+    def map(self) -> Path:
+        """What exploration knew of space and surface when it ended: the voxel grid and the surface voxels (npz)."""
+        return self.root / "map.npz"
+
+    @property
     def cloud(self) -> Path:
         """Reconstructed cloud: x y z, red green blue, nx ny nz, confidence."""
         return self.root / "cloud.ply"

@@ -145,7 +145,7 @@ def test_the_command_line_overrides_the_mission_and_refuses_nonsense(tmp_path: P
 
 def test_what_is_known_is_written_when_the_mission_is_cut_short(tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
-    recorder = Recorder(run, MISSION)
+    recorder = Recorder(run, MISSION, SITE)
     recorder.begin("explore", 0)
     for tick in range(30):
         x = 0.1 * tick
