@@ -13,10 +13,10 @@ from missions.camera import Pose, View
 from missions.errors import UserError
 from missions.frames import Array
 from missions.grid import FREE, SurfaceVoxels, VoxelGrid
+from missions.lattice import lattice_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import camera_bounds, geofence
-from planning.nbv.lattice import lattice_positions
 from planning.nbv.sightings import SightSpec
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 

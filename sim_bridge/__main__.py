@@ -17,12 +17,13 @@ import numpy as np
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import BRIDGE, GROUND, vehicle_name
 from missions.errors import SwarmscanError, UserError
+from missions.lattice import view_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission, find_mission, load_mission, without_scene
 from missions.pads import camera_bounds
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
-from sim_bridge.coverage import Coverage, lattice_positions
+from sim_bridge.coverage import Coverage
 from sim_bridge.render.renderer import make_renderer
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
@@ -99,7 +100,7 @@ def _coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth) -> 
     """Reference points, and what of them can be seen from where the mission's views may stand."""
     points, _ = reference_points(scene, site, COVERAGE_POINTS)
     coverage = Coverage(truth, points, mission.explore.sensing_range_m)
-    positions = lattice_positions(*camera_bounds(mission, site), mission.explore.lattice_step_m)
+    positions = view_positions(*camera_bounds(mission, site), mission.explore)
     clearance = truth.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS))
     coverage.reach(positions[clearance >= mission.fleet.clearance_m], mission.explore, mission.camera.explore_camera())
     return coverage

@@ -83,12 +83,3 @@ def in_frame(points_camera: Array, camera: Camera) -> Mask:
     u, v = camera.fx_px * x + camera.cx_px * z, camera.fy_px * y + camera.cy_px * z
     result: Mask = (z > 0) & (u >= 0) & (u <= camera.width_px * z) & (v >= 0) & (v <= camera.height_px * z)
     return result
-
-
-def lattice_positions(lower_enu_m: Array, upper_enu_m: Array, step_m: float) -> Array:
-    """(n, 3) centres of the equal cells, about step_m wide, that fill a box: where exploration views may stand."""
-    axes = []
-    for lower, upper in zip(lower_enu_m, upper_enu_m, strict=True):
-        n = max(1, round(float(upper - lower) / step_m))
-        axes.append(lower + (np.arange(n) + 0.5) * (upper - lower) / n)
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

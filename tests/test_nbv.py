@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
 from missions.grid import FREE, OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
+from missions.lattice import MOST_POSITIONS, lattice_positions, view_positions
 from missions.mission import ExploreSpec
 from missions.sensors import fibonacci_directions
 from planning.nbv.gain import (
@@ -25,7 +26,7 @@ from planning.nbv.gain import (
     visible_voxels,
     with_claims,
 )
-from planning.nbv.lattice import Lattice, build_lattice, in_view, lattice_positions
+from planning.nbv.lattice import Lattice, build_lattice, in_view
 from planning.nbv.rays import segment_blocked
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
 
@@ -71,6 +72,19 @@ def test_lattice_is_made_of_cell_centres() -> None:
     assert np.allclose(np.unique(positions[:, 0]), [2.5, 7.5])
     assert np.allclose(np.unique(positions[:, 1]), [0.5])
     assert np.allclose(np.unique(positions[:, 2]), [3.5, 6.5])
+
+
+@given(st.floats(3.0, 300.0), st.floats(3.0, 300.0), st.floats(3.0, 200.0), st.floats(0.5, 12.0))
+@settings(deadline=None)
+def test_lattice_of_views_keeps_the_step_until_there_are_too_many(x: float, y: float, z: float, step: float) -> None:
+    lower, upper = np.zeros(3), np.array([x, y, z])
+    positions = view_positions(lower, upper, ExploreSpec(lattice_step_m=step))
+    asked = lattice_positions(lower, upper, step) if x * y * z < 1e5 * step**3 else None
+    assert 0 < len(positions) <= MOST_POSITIONS
+    if asked is not None and len(asked) <= MOST_POSITIONS:
+        assert np.array_equal(positions, asked)
+    else:
+        assert len(positions) > MOST_POSITIONS / 3
 
 
 def test_lattice_has_every_elevation_with_every_azimuth() -> None:

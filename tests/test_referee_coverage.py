@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from missions.camera import Camera, Pose
 from missions.frames import Array
+from missions.lattice import lattice_positions
 from missions.messages import ShutterRequest
 from missions.mission import ExploreSpec, ObstacleSpec
-from sim_bridge.coverage import TOLERANCE_M, Coverage, in_frame, lattice_positions
+from sim_bridge.coverage import TOLERANCE_M, Coverage, in_frame
 from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
 
 CAMERA = Camera.from_diagonal_fov(456, 256, 84.0)

@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from missions.camera import Camera, Pose
 from missions.grid import FREE, OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
+from missions.lattice import lattice_positions
 from missions.mission import SurveySpec
-from planning.nbv.lattice import lattice_positions
 from planning.nbv.patches import Patches, surface_patches
 from planning.nbv.sightings import SightSpec, find_sightings
 from planning.nbv.survey import SurveyPlan, SurveyViewSpec, plan_survey

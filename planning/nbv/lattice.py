@@ -1,7 +1,6 @@
 """The 5-D lattice of candidate views: position (x, y, z) times elevation and azimuth.
 
-Positions are cell centres, lower + (i + 0.5) * extent / n, as in MACARONS (Guédon et al., CVPR 2023); the number of
-cells follows from the step. Orientations are every elevation with every azimuth.
+Positions are those of missions.lattice; orientations are every elevation with every azimuth.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
 from missions.frames import Array, enu_from_camera, wrap_pi
+from missions.lattice import view_positions
 from missions.mission import ExploreSpec
 
 
@@ -34,22 +34,12 @@ class Lattice:
         return Pose((x, y, z), float(self.yaw_enu_rad[orientation]), float(self.elevation_rad[orientation]))
 
 
-def lattice_positions(lower_enu_m: Array, upper_enu_m: Array, step_m: float) -> Array:
-    """(p, 3) cell centres of the box, x slowest, with max(1, round(extent / step)) cells along each axis."""
-    lower, upper = np.asarray(lower_enu_m, dtype=np.float64), np.asarray(upper_enu_m, dtype=np.float64)
-    axes = []
-    for low, high in zip(lower, upper, strict=True):
-        n = max(1, round(float(high - low) / step_m))
-        axes.append(low + (np.arange(n) + 0.5) * (high - low) / n)
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
 def build_lattice(lower_enu_m: Array, upper_enu_m: Array, spec: ExploreSpec) -> Lattice:
     """The lattice inside the camera bounds. Azimuth a has yaw 2 pi a / azimuths; elevations vary slowest."""
     yaws = [wrap_pi(2.0 * math.pi * a / spec.azimuths) for a in range(spec.azimuths)]
     pairs = [(yaw, math.radians(e)) for e in spec.elevations_deg for yaw in yaws]
     yaw, elevation = np.array(pairs).T
-    return Lattice(lattice_positions(lower_enu_m, upper_enu_m, spec.lattice_step_m), yaw, elevation)
+    return Lattice(view_positions(lower_enu_m, upper_enu_m, spec), yaw, elevation)
 
 
 def in_view(directions_enu: Array, yaw_enu_rad: Array, elevation_rad: Array, camera: Camera) -> NDArray[np.bool_]:
