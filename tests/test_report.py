@@ -47,7 +47,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wall = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
     wall = wall[(np.abs(wall[:, 0]) > 1.6) | (np.abs(wall[:, 2] - 3) > 1.6)]
     np.savez(run.truth_samples, points=wall, normals=np.tile([0.0, -1.0, 0.0], (len(wall), 1)))
-    run.referee.write_text(json.dumps({"collisions": 0, "min_clearance_m": 1.4, "min_separation_m": 3.3, "notes": [],
+    run.referee.write_text(json.dumps({"collisions": 0, "min_clearance_m": 1.4, "min_separation_m": 3.3,
+                                       "notes": ["dropped 3 faces without area"],
                                        "coverage": {"final": 0.8, "ceiling": 0.9, "auc": 0.5, "per_view": [0.3, 0.8]}}))
     t = np.arange(0, 10, 0.1)
     arrays = {f"uav{k}_{name}": value for k in (1, 2) for name, value in
@@ -122,6 +123,7 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     assert text.count("Plotly.newPlot(") >= 5
     assert "Wall &amp; box" in text
     assert "a &lt;b&gt;note&lt;/b&gt;" in text
+    assert "scene: dropped 3 faces without area" in text
     titles = re.findall(r"<h2>(.*?)</h2>", text)
     assert titles == ["The reconstruction", "Exploration coverage", "Battery", "Tours", "Vehicles and views",
                       "Completeness (C2C)", "Accuracy (C2M)", "Where it is good, and what is missing",

@@ -27,7 +27,8 @@ def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
         "peak_memory_mib": {r["name"]: r.get("peak_memory_mib") for r in data.run.process_records()},
         "seed": data.mission.seed,
         "mission_hash": data.flight.get("mission_hash") or data.mission.mission_hash,
-        "notes": [*(data.flight.get("notes") or []), *(data.referee.get("notes") or []), *data.notes],
+        "notes": [*(data.flight.get("notes") or []), *(f"scene: {n}" for n in data.referee.get("notes") or []),
+                  *data.notes],
     }
 
 

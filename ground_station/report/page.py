@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -42,7 +43,9 @@ def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> s
 
 def _head(data: RunData, metrics: dict[str, Any]) -> str:
     tiles = "".join(_tile(t) for t in key_numbers(data, metrics))
-    origin = (f"run {escape(data.run.root.name)} · mission {escape(str(metrics['mission_hash']))} · "
+    scene = data.mission.scene
+    origin = (f"scene {escape(Path(scene.path).name or scene.name)} · run {escape(data.run.root.name)} · "
+              f"mission {escape(str(metrics['mission_hash']))} · "
               f"seed {metrics['seed']} · {data.mission.fleet.vehicles} vehicles")
     return (f"<header><h1>{escape(data.mission.title)}</h1><div class=soft>{origin}</div>"
             f"<p class=summary>{escape(summary(data, metrics))}</p></header><div class=tiles>{tiles}</div>")
