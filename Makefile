@@ -4,25 +4,29 @@ BIN := .venv/bin
 MISSION ?= missions/bridge.toml
 ARGS ?=
 
-.PHONY: fly test lint unit doctor setup clean
+.PHONY: fly test lint unit doctor setup compile clean
 
-fly: $(SETUP)
+fly: compile
 	$(BIN)/swarmscan fly $(MISSION) $(ARGS)
 
 test: lint unit
 
-setup: $(SETUP)
+setup: compile
 
 $(SETUP):
 	bash .ci/setup
 	@mkdir -p .setup && rm -f .setup/ready-* && touch $@
+
+# Numba caches by file and time: a changed kernel compiles here, not while a mission flies or in every test process.
+compile: $(SETUP)
+	@bash .ci/compile
 
 lint: $(SETUP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-unit: $(SETUP)
+unit: compile
 	$(BIN)/pytest -n $(or $(TEST_WORKERS),auto) --dist loadgroup
 
 doctor: $(SETUP)

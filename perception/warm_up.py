@@ -1,0 +1,48 @@
+"""Compiles this room's kernels into numba's cache on disk, by mapping a tiny wall: python -m perception.warm_up.
+
+Calling what a mission calls compiles exactly the types and memory layouts that a mission needs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from missions.camera import Camera, Pose
+from perception.depth.depth_map import DepthMap
+from perception.depth.plane_sweep import estimate, make_frame
+from perception.mapping.voxel_map import VoxelMap
+from perception.reconstruct.depth_map import merge_pairs
+from perception.reconstruct.fusion import PosedDepth, support
+from perception.reconstruct.stereo import PairDepth
+
+CAMERA = Camera.from_diagonal_fov(64, 48, 90.0)
+WALL_M = 4.0
+
+
+def warm_up() -> None:
+    """Sweep planes through two pictures, map a wall from its depth, and fuse depth maps of it."""
+    poses = [Pose((0.0, y, 2.0), 0.0, 0.0) for y in (2.0, 2.5)]
+    picture = np.random.default_rng(1).integers(0, 255, (CAMERA.height_px, CAMERA.width_px, 3), dtype=np.uint8)
+    target, source = (make_frame(picture, CAMERA, pose) for pose in poses)
+    shape = estimate(target, [source]).depth_m.shape
+    _map(target.camera, poses, np.full(shape, WALL_M, dtype=np.float32))
+    _fuse(target.camera, poses, np.full(shape, WALL_M, dtype=np.float32))
+
+
+def _map(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32]) -> None:
+    voxels = VoxelMap(np.zeros(3), np.array([6.0, 5.0, 5.0]), 0.5)
+    yes = np.ones(depth.shape, dtype=np.bool_)
+    for pose in poses:
+        voxels.integrate(DepthMap(camera, pose, depth, yes, np.ones_like(depth), ~yes, 0.001))
+    voxels.surface()
+
+
+def _fuse(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32]) -> None:
+    merge_pairs([PairDepth(1.0 / depth, 0.01)], depth.shape)
+    depth.setflags(write=False)  # a pipeline reads its depth maps from files mapped read-only
+    own, other = (PosedDepth(depth, pose.enu_from_camera, np.array(pose.position_enu_m)) for pose in poses)
+    support(own, [other], camera)
+
+
+if __name__ == "__main__":
+    warm_up()

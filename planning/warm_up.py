@@ -1,0 +1,53 @@
+"""Compiles this room's kernels into numba's cache on disk, by planning once: python -m planning.warm_up.
+
+Calling what a mission calls compiles exactly the types and memory layouts that a mission needs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from missions.camera import Camera
+from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
+from missions.mission import ExploreSpec
+from planning.nbv.gain import GainSpec, gain_field
+from planning.nbv.lattice import build_lattice
+from planning.nbv.search import SearchSpec, VehicleQuery, next_views
+from planning.nbv.survey import SurveyViewSpec, plan_survey
+from planning.paths import VoxelField, plan_path, reachable
+
+SIZE_M = np.array([10.0, 8.0, 8.0])
+WALL_X, WALL_Y = 5, 4
+CLEARANCE_M = 0.8
+
+
+def warm_up() -> None:
+    """Plan paths, next views and a survey around half a wall."""
+    grid = VoxelGrid(np.zeros(3), 1.0, np.full((10, 8, 8), FREE, dtype=np.uint8))
+    grid.state[WALL_X, :WALL_Y] = OCCUPIED
+    _plan_paths(grid)
+    _plan_views(grid)
+
+
+def _plan_paths(grid: VoxelGrid) -> None:
+    field = VoxelField.from_grid(grid).with_spheres(np.array([[2.0, 6.0, 6.0]]), 0.2)
+    start, goal = np.array([2.5, 2.5, 4.5]), np.array([8.5, 2.5, 4.5])
+    reach = reachable(field, start, CLEARANCE_M)
+    reach.distance_to(np.stack([start, goal]))
+    reach.path_to(goal)
+    plan_path(field, start, goal, CLEARANCE_M, np.zeros(3), SIZE_M, seed=1)
+
+
+def _plan_views(grid: VoxelGrid) -> None:
+    camera = Camera.from_diagonal_fov(64, 48, 90.0)
+    wall = grid.centers(np.argwhere(grid.state == OCCUPIED))
+    surface = SurfaceVoxels(wall, np.tile([-1.0, 0.0, 0.0], (len(wall), 1)), np.full(len(wall), 2))
+    lattice = build_lattice(np.zeros(3), SIZE_M, ExploreSpec())
+    way = np.ones(len(lattice.positions_enu_m))
+    field = gain_field(grid, surface, wall.min(axis=0), wall.max(axis=0), GainSpec())
+    next_views(field, lattice, camera, [VehicleQuery(1, np.zeros(3), way)], [lattice.pose(0, 0)], SearchSpec())
+    plan_survey(grid, surface, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
+
+
+if __name__ == "__main__":
+    warm_up()
