@@ -23,7 +23,7 @@ def picture_leg(path_enu_m: Array, start: Pose, goal: Pose, frames: int, first_v
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_enu_m, axis=0), axis=1))])
     if along[-1] < SAME_PLACE_M:
         return [_waypoint(path_enu_m[-1], goal.yaw_enu_rad, goal.elevation_rad, first_view_id, True)]
-    shots = {along[-1] * (k + 1) / frames: first_view_id + k for k in range(frames)}
+    shots = {along[-1] * ((k + 1) / frames): first_view_id + k for k in range(frames)}
     stations = sorted({*along[1:-1].tolist(), *shots})
     turn = wrap_pi(goal.yaw_enu_rad - start.yaw_enu_rad)
     out = []

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ground_station import launcher
@@ -36,6 +36,7 @@ def known(free: tuple[slice, slice, slice]) -> Airspace:
     return Airspace.of(grid, MISSION, SITE)
 
 
+@example([(0.0, 0.0, 0.0), (0.0, 20.0, 2.0), (0.0, 1.125, 4.0625), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)], 3, 0.0, 0.0)
 @given(st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=2, max_size=6), st.integers(1, 8),
        st.floats(-3, 3), st.floats(-3, 3))
 def test_a_leg_ends_at_its_key_view_and_spreads_its_pictures(points: list[tuple[float, float, float]], frames: int,
