@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import resource
 from pathlib import Path
 from typing import Any
 
@@ -110,13 +109,19 @@ class RunFolder:
 
     def write_process_record(self, name: str, **extra: Any) -> None:
         """Peak memory of this process, for metrics.json; call once, at its end."""
-        peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        peak_mib = _peak_memory_mib()
         path = self._dir("processes") / f"{name}.json"
         path.write_text(json.dumps({"name": name, "peak_memory_mib": round(peak_mib, 1), **extra}), encoding="utf-8")
 
     def process_records(self) -> list[dict[str, Any]]:
         """All records written so far, by name."""
         return [json.loads(p.read_text(encoding="utf-8")) for p in sorted(self._dir("processes").glob("*.json"))]
+
+
+def _peak_memory_mib() -> float:
+    """Largest resident memory so far, from Linux; getrusage would count what the parent held at the start as ours."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024.0
 
 
 def view_row(meta: PictureMeta, path: str) -> list[Any]:
