@@ -26,7 +26,7 @@ from missions.run_folder import RunFolder
 HERE = Path(__file__).parent
 MISSION = HERE / "missions" / "house.toml"
 SCENE_NAME = "very_secret_house"
-pytestmark = pytest.mark.loopback
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 
 def fly(tmp_path: Path, settings: list[str], watch: Callable[[launcher.Flight, Status], None] | None = None,

@@ -18,6 +18,8 @@ from sim_bridge.render import make_renderer
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
 
+pytestmark = pytest.mark.xdist_group("mapping_bridge")
+
 Floats = NDArray[np.float64]
 
 

@@ -18,6 +18,8 @@ from planning.nbv.lattice import Lattice, build_lattice
 from planning.nbv.rays import mark_rays
 from planning.nbv.search import Decision, SearchSpec, VehicleQuery, next_views
 
+pytestmark = pytest.mark.xdist_group("nbv_exploration")
+
 LOWER, UPPER = np.array([-18.0, -14.0, -1.0]), np.array([18.0, 14.0, 20.0])
 OBJECT_MIN, OBJECT_MAX = np.array([-9.0, -5.0, 0.0]), np.array([9.0, 5.0, 11.0])
 CAMERA_MIN, CAMERA_MAX = np.array([-17.0, -13.0, 1.5]), np.array([17.0, 13.0, 19.0])

@@ -25,6 +25,8 @@ from perception.reconstruct.pipeline import Region, Settings, reconstruct
 from perception.reconstruct.stereo import Eye, PairDepth, pair_depth
 from tests.reconstruct_scene import CAMERA, looking_at, photograph, survey, wall_and_box
 
+pytestmark = pytest.mark.xdist_group("reconstruct")
+
 SETTINGS = Settings(depth_width_px=640, distance_m=5.0)
 REGION = Region(np.array([-4.9, -1.5, 0.1]), np.array([4.9, 0.3, 5.9]))
 

@@ -25,6 +25,8 @@ from sim_bridge.render.egl import EglRenderer, EglUnavailableError
 from sim_bridge.render.raycast import RaycastRenderer
 from sim_bridge.scenes.scene import Part, Scene
 
+pytestmark = pytest.mark.xdist_group("render")
+
 CAMERA = Camera(456, 256, 300.0, 300.0, 240.0, 121.0)
 POSE = Pose((3.0, -11.0, 6.0), math.radians(105.0), math.radians(-18.0))
 NOISELESS = CameraSpec(noise_dn=0.0)

@@ -25,6 +25,8 @@ from missions.run_folder import RunFolder, write_views
 from perception.reconstruct.cloud import Cloud, write_cloud
 from tests.reconstruct_scene import survey, wall_and_box
 
+pytestmark = pytest.mark.xdist_group("report")
+
 MISSION = Mission(title="Wall & box", camera=CameraSpec(survey_px=(640, 360)),
                   site=SiteSpec(object_min_enu_m=(-4.9, -1.2, 0.1), object_max_enu_m=(4.9, 0.2, 5.9), ground_up_m=-1.0),
                   survey=SurveySpec(distance_m=5.0), reconstruct=ReconstructSpec(depth_width_px=640))

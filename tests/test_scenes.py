@@ -18,6 +18,8 @@ from sim_bridge.scenes.scene import Scene
 from sim_bridge.scenes.solids import beam, box, cells, lathe, tube
 from sim_bridge.scenes.surroundings import GROUND, PREFIX
 
+pytestmark = pytest.mark.xdist_group("scenes")
+
 SIZES_M = {"building": (50.1, 5.5, 21.1), "bridge": (62.2, 9.9, 22.4), "statue": (43.6, 9.5, 51.1)}
 
 

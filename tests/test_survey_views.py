@@ -17,6 +17,8 @@ from planning.nbv.patches import Patches, surface_patches
 from planning.nbv.sightings import SightSpec, find_sightings
 from planning.nbv.survey import SurveyPlan, SurveyViewSpec, plan_survey
 
+pytestmark = pytest.mark.xdist_group("survey_views")
+
 CAMERA = Camera.from_diagonal_fov(1920, 1080, 84.0)
 LOWER, UPPER = np.array([-20.0, -14.0, -1.0]), np.array([20.0, 14.0, 20.0])
 OBJECT_MIN, OBJECT_MAX = np.array([-10.0, -4.0, 0.0]), np.array([10.0, 4.0, 12.0])

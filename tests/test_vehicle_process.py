@@ -20,7 +20,7 @@ from sim_bridge.clock_server import ClockServer
 from tests.loopback import free_endpoint
 from tests.vehicle_world import SITE
 
-pytestmark = pytest.mark.loopback
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 
 @pytest.fixture
