@@ -17,7 +17,8 @@ from numba.core.dispatcher import Dispatcher
 
 room = importlib.import_module(sys.argv[1])
 specs = [m.module_finder.find_spec(m.name) for m in pkgutil.walk_packages(room.__path__, room.__name__ + ".")]
-names = [s.name for s in specs if any(word in Path(s.origin).read_text() for word in ("njit", "compiled", "def warm_up"))]
+marks = ("njit", "compiled", "def warm_up")
+names = [s.name for s in specs if any(mark in Path(s.origin).read_text() for mark in marks)]
 modules = [importlib.import_module(name) for name in names]
 sys.modules[f"{sys.argv[1]}.warm_up"].warm_up()
 kernels = {f"{k.py_func.__module__}.{k.py_func.__name__}": k for module in modules for k in vars(module).values()
