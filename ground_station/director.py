@@ -31,6 +31,10 @@ EXPLORE_ENERGY_SHARE = 0.5
 MAX_TROUBLE = 8
 """Refused or blocked legs in a row after which a vehicle stops exploring."""
 
+AWAY_M = 5.0
+MAX_RESCUES = 2
+"""Times that a vehicle around which the map has closed is called home, on the way that it remembers, to start anew."""
+
 Phase = Literal["explore", "survey", "return", "over"]
 
 
@@ -47,6 +51,7 @@ class Director:
         self._done_exploring: set[int] = set()
         self._asked: set[int] = set()
         self._trouble: dict[int, int] = {}
+        self._rescues: dict[int, int] = {}
         self._decisions = 0
         self._pictures = 0
         self._handed_over: set[int] = set()
@@ -138,11 +143,27 @@ class Director:
                 self._without_view(drone, drone.vehicle_id in found.stuck)
 
     def _without_view(self, drone: Drone, stuck: bool) -> None:
-        """Nothing for this vehicle now: look around when it is shut in, else wait for what the others find."""
-        leg = self._explorer.look_around(self._asking(drone)) if stuck else None
+        """Nothing for this vehicle now: wait for what the others find, or, when it is shut in, look around, and when
+        that has not helped start anew from the pad."""
+        if not stuck:
+            return
+        leg = self._explorer.look_around(self._asking(drone))
         if leg is not None:
             self._recorder.note(self._fleet.t_ns, f"vehicle {drone.vehicle_id} reaches no candidate and looks around")
             self._fly_leg(drone, leg)
+        elif self._may_rescue(drone):
+            self._rescue(drone)
+            self._explorer.look_again(drone.vehicle_id)
+            self._asked.discard(drone.vehicle_id)
+
+    def _may_rescue(self, drone: Drone) -> bool:
+        away = float(np.linalg.norm(drone.position_enu_m - drone.hover_enu_m))
+        return away > AWAY_M and self._rescues.get(drone.vehicle_id, 0) < MAX_RESCUES
+
+    def _rescue(self, drone: Drone) -> None:
+        self._rescues[drone.vehicle_id] = self._rescues.get(drone.vehicle_id, 0) + 1
+        self._recorder.note(self._fleet.t_ns, f"vehicle {drone.vehicle_id} is shut in by the map and is called home")
+        self._fleet.home(drone)
 
     def _fly_leg(self, drone: Drone, leg: Leg) -> None:
         self._legs[drone.vehicle_id] = leg
@@ -174,10 +195,9 @@ class Director:
             self._explorer.refresh()
         grid = self._explorer.grid if explored else known_outside(self._mission, self._site)
         self._send_map(grid)
-        surface = self._explorer.map.surface() if explored else None
-        if surface is not None:
-            self._recorder.write_map(grid, surface)
-        views = survey_views(self._mission, self._site, grid, surface, self._explorer.key_views,
+        if explored:
+            self._recorder.write_map(grid, self._explorer.map.surface())
+        views = survey_views(self._mission, self._site, grid, self._explorer.key_views,
                              [f.position_enu_m for f in flyers])
         self._airspace = Airspace.of(grid, self._mission, self._site)
         self._survey = Survey(views, self._mission.survey)
@@ -225,6 +245,9 @@ class Director:
         elif drone.stage is Stage.READY and survey.waiting(drone.vehicle_id) and drone.standing:
             assert self._airspace is not None
             hovering = [d.position_enu_m for d in self._fleet.in_stage(Stage.READY) if d is not drone]
+            if self._may_rescue(drone) and survey.shut_in(self._flyer(drone), self._airspace, hovering):
+                self._rescue(drone)
+                return
             waypoints = survey.next_waypoints(self._flyer(drone), self._airspace, hovering)
             if waypoints:
                 self._fleet.fly(drone, "survey", waypoints)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,13 +13,14 @@ from ground_station.views_file import read_views
 from missions.camera import Pose, View
 from missions.errors import UserError
 from missions.frames import Array
-from missions.grid import FREE, SurfaceVoxels, VoxelGrid
+from missions.grid import FREE, VoxelGrid
 from missions.lattice import lattice_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import camera_bounds, geofence
-from planning.nbv.sightings import SightSpec
 from planning.nbv.survey import SurveyViewSpec, plan_survey
+
+log = logging.getLogger(__name__)
 
 FIRST_VIEW_ID = 10001
 CANDIDATE_STEP_M = 2.0
@@ -44,8 +46,8 @@ def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
     return grid
 
 
-def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, surface: SurfaceVoxels | None,
-                 key_views: Mapping[int, Pose], starts_enu_m: list[Array]) -> list[View]:
+def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, key_views: Mapping[int, Pose],
+                 starts_enu_m: list[Array]) -> list[View]:
     """The survey's views with ids from FIRST_VIEW_ID up. key_views: exploration's key poses by view id."""
     spec = mission.survey
     if spec.views == "file":
@@ -53,21 +55,21 @@ def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, surface: Su
     elif spec.views == "exploration":
         poses = [key_views[i] for i in sorted(key_views)][: spec.max_views]
     else:
-        poses = _planned(mission, site, grid, surface, starts_enu_m)
+        poses = _planned(mission, site, grid, starts_enu_m)
     return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]
 
 
-def _planned(mission: Mission, site: SiteBrief, grid: VoxelGrid, surface: SurfaceVoxels | None,
-             starts_enu_m: list[Array]) -> list[Pose]:
-    if surface is None or not starts_enu_m:
+def _planned(mission: Mission, site: SiteBrief, grid: VoxelGrid, starts_enu_m: list[Array]) -> list[Pose]:
+    if not starts_enu_m:
         return []
     airspace = Airspace.of(grid, mission, site)
     positions = lattice_positions(*camera_bounds(mission, site), CANDIDATE_STEP_M)
     positions = positions[airspace.clear_at(positions)]
     far = np.array([airspace.reach(start, []).distance_to(positions) for start in starts_enu_m])
     positions = positions[np.isfinite(far).any(axis=0)]
-    survey = mission.survey
-    spec = SurveyViewSpec(max_views=survey.max_views, pictures_per_patch=survey.pictures_per_patch,
-                          sight=SightSpec(distance_m=survey.distance_m))
-    return plan_survey(grid, surface, positions, mission.camera.survey_camera(), np.array(site.object_min_enu_m),
-                       np.array(site.object_max_enu_m), spec).poses
+    plan = plan_survey(grid, positions, mission.camera.survey_camera(), np.array(site.object_min_enu_m),
+                       np.array(site.object_max_enu_m), SurveyViewSpec.of(mission.survey))
+    log.info("survey: %d of %d patches can be seen from %d positions; %.0f %% of these in one picture, %.0f %% in three",
+             plan.coverable.sum(), len(plan.patches), len(positions), 100.0 * plan.covered_share(1),
+             100.0 * plan.covered_share(3))
+    return plan.poses

@@ -148,8 +148,8 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     """Where the survey's views come from: planned on the explored map, the exploration's key views, or a file."""
     views_path: str = ""
     max_views: Annotated[int, Meta(ge=1)] = 160
-    distance_m: Positive = 7.0
-    """Preferred distance to the surface."""
+    distance_m: Positive = 9.0
+    """Preferred distance to the surface; views may stand 0.35 to 1.7 times as far."""
     pictures_per_patch: Annotated[int, Meta(ge=1)] = 3
     allocation: Literal["distance", "distance_elevation"] = "distance"
     """Cost of a leg in the tours: 3-D length, or alpha * horizontal + beta * vertical (thesis Eq. 4.4)."""

@@ -46,7 +46,7 @@ def _plan_views(grid: VoxelGrid) -> None:
     way = np.ones(len(lattice.positions_enu_m))
     field = gain_field(grid, surface, wall.min(axis=0), wall.max(axis=0), GainSpec())
     next_views(field, lattice, camera, [VehicleQuery(1, np.zeros(3), way)], [lattice.pose(0, 0)], SearchSpec())
-    plan_survey(grid, surface, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
+    plan_survey(grid, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
 
 
 if __name__ == "__main__":

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from missions.frames import Array
-from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
+from missions.grid import FREE, OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
 from perception.depth.depth_map import DepthMap
 from perception.mapping import carving, normals
 
@@ -42,6 +43,9 @@ class MapSettings:
     """... and the share, of all pictures that measured it, of those with a point in it."""
     erase_share: float = 0.08
     """A voxel once hit becomes free only when the share of hits is below this."""
+    speck_voxels: int = 8
+    """Unknown voxels that hang together in at most this number, with known-free space all around, are taken for free:
+    what is solid hangs on something, and a stray depth is the likelier cause."""
 
 
 class VoxelMap:
@@ -91,7 +95,8 @@ class VoxelMap:
         occupied = (self.hit_pictures >= s.occupied_pictures) & (share >= s.occupied_share)
         free = self._free_area >= s.free_swept * carving.AREA_UNIT
         free &= share < s.erase_share
-        state = np.where(occupied, OCCUPIED, np.where(free | self._declared_free, FREE, 0)).astype(np.uint8)
+        state = np.where(occupied, OCCUPIED, np.where(free | self._declared_free, FREE, UNKNOWN)).astype(np.uint8)
+        state[specks(state, s.speck_voxels)] = FREE
         return VoxelGrid(self._blank.origin_enu_m, self._blank.voxel_m, state)
 
     def surface(self) -> SurfaceVoxels:
@@ -152,3 +157,14 @@ def _rays(depth: DepthMap) -> tuple[Array, Array]:
     local = depth.camera.rays_camera().reshape(-1, 3)
     length = np.linalg.norm(local, axis=1)
     return (local / length[:, None]) @ depth.pose.enu_from_camera.T, 1.0 / length
+
+
+def specks(state: NDArray[np.uint8], voxels: int) -> NDArray[np.bool_]:
+    """Which voxels belong to groups (26 neighbours) of at most so many unknown ones inside known-free space."""
+    group, _ = ndimage.label(state != FREE, np.ones((3, 3, 3)))
+    size = np.bincount(group.ravel())
+    solid = np.bincount(group.ravel(), (state == OCCUPIED).ravel(), len(size)) > 0
+    small = (size <= voxels) & ~solid
+    small[0] = False
+    result: NDArray[np.bool_] = small[group]
+    return result

@@ -1,21 +1,18 @@
-"""Surface patches: the voxels of the explored surface, gathered into areas that one picture sees as a whole."""
+"""Surface patches: the faces of the explored surface, gathered into areas that one picture sees as a whole."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from missions.frames import Array
-from missions.grid import SurfaceVoxels
+from missions.grid import FREE, OCCUPIED, VoxelGrid
 
-LEAST_OF_A_WALL = 0.5
-"""A patch with fewer voxels around it than this share of what a flat wall would have is a thin member."""
-LEAST_AGREEMENT = 0.7
-"""Length of the mean of the unit normals below which they contradict each other."""
+LOOK_OUT_VOXELS = 2
+"""How far outwards free space may begin: measured surface is often a voxel thicker than the true one."""
+FACINGS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
 
 
 @dataclass(frozen=True)
@@ -25,41 +22,37 @@ class Patches:
     position_enu_m: Array
     """(k, 3) mean position."""
     normal_enu: Array
-    """(k, 3) unit mean normal."""
-    any_incidence: NDArray[np.bool_]
-    """(k,) patches without a trustworthy normal, such as cables and rails: they may be seen from any side."""
+    """(k, 3) unit axis direction towards the free space before the patch."""
     voxels: NDArray[np.int64]
-    """(k,) voxels in the patch."""
+    """(k,) voxel faces in the patch."""
 
     def __len__(self) -> int:
         return len(self.voxels)
 
 
-def surface_patches(surface: SurfaceVoxels, object_min_enu_m: Array, object_max_enu_m: Array, voxel_m: float,
+def surface_patches(grid: VoxelGrid, object_min_enu_m: Array, object_max_enu_m: Array,
                     patch_m: float = 0.9) -> Patches:
-    """Gather the surface voxels in the box by cell of size patch_m and by the axis that their normal is nearest to.
+    """Gather the faces between occupied voxels in the box and known-free space by cell of size patch_m and facing.
 
-    So both faces of a thin deck are patches of their own. A patch with few voxels (of voxel_m) around it, or whose
-    normals disagree, accepts any incidence. Patches come in rising order of cell and axis.
+    A face needs no estimated normal, so thin members, edges and both sides of a deck ask for pictures from every side
+    that lies open. Patches come in rising order of cell and facing.
     """
     lower, upper = np.asarray(object_min_enu_m), np.asarray(object_max_enu_m)
-    inside = np.all((surface.position_enu_m >= lower) & (surface.position_enu_m <= upper), axis=1)
-    position, normal = surface.position_enu_m[inside], surface.normal_enu[inside]
-    if not len(position):
-        return Patches(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64))
-    cell = np.floor((position - lower) / patch_m).astype(np.int64)
-    axis = np.abs(normal).argmax(axis=1)
-    facing = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0)
-    _, patch, voxels = np.unique(np.column_stack([cell, facing]), axis=0, return_inverse=True, return_counts=True)
-    mean, direction = (_mean(values, patch.ravel(), voxels) for values in (position, normal))
-    agreement = np.linalg.norm(direction, axis=1)
-    unit = direction / np.maximum(agreement, 1e-9)[:, None]
-    around = cKDTree(position).query_ball_point(mean, patch_m, return_length=True)
-    thin = around < LEAST_OF_A_WALL * math.pi * (patch_m / voxel_m) ** 2
-    return Patches(mean, unit, thin | (agreement < LEAST_AGREEMENT), voxels)
-
-
-def _mean(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
-    sums = np.stack([np.bincount(group, values[:, a], minlength=len(count)) for a in range(3)], axis=1)
-    result: Array = sums / count[:, None]
-    return result
+    index = np.argwhere(grid.state == OCCUPIED)
+    position = grid.centers(index)
+    inside = np.all((position >= lower - 0.5 * grid.voxel_m) & (position <= upper + 0.5 * grid.voxel_m), axis=1)
+    index, position = index[inside], position[inside]
+    rows, points = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 3))]
+    for facing, step in enumerate(FACINGS):
+        open_ahead = np.zeros(len(index), dtype=np.bool_)
+        for reach in range(1, LOOK_OUT_VOXELS + 1):
+            ahead = index + reach * step
+            seen = grid.inside(ahead)
+            open_ahead[seen] |= grid.state[tuple(ahead[seen].T)] == FREE
+        cell = np.floor((position[open_ahead] - lower) / patch_m).astype(np.int64)
+        rows.append(np.column_stack([cell, np.full(len(cell), facing)]))
+        points.append(position[open_ahead] + 0.5 * grid.voxel_m * step)
+    faces, where = np.concatenate(rows), np.concatenate(points)
+    unique, patch, voxels = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
+    mean = np.stack([np.bincount(patch.ravel(), where[:, a], minlength=len(unique)) for a in range(3)], axis=1)
+    return Patches(mean / np.maximum(voxels, 1)[:, None], FACINGS[unique[:, 3]].astype(np.float64), voxels)

@@ -20,11 +20,12 @@ from planning.nbv.rays import segment_blocked
 class SightSpec:
     """What makes a good picture of a patch."""
 
-    distance_m: float = 7.0
+    distance_m: float = 9.0
     """Preferred distance."""
     nearest_m: float = 3.0
-    farthest_m: float = 13.0
-    incidence_deg: float = 60.0
+    farthest_m: float = 15.0
+    incidence_deg: float = 70.0
+    """Generous, because the normals of patches are the nearest axis directions."""
     tolerance_voxels: float = 2.0
     """How far before the patch the line of sight may end: measured surface is a voxel or two thick, unknown behind."""
 
@@ -50,7 +51,6 @@ def find_sightings(grid: VoxelGrid, patches: Patches, positions_enu_m: Array, sp
     distance = np.linalg.norm(offset, axis=1)
     towards = offset / np.maximum(distance, 1e-9)[:, None]
     facing = np.einsum("ij,ij->i", towards, patches.normal_enu[patch])
-    facing[patches.any_incidence[patch]] = 1.0
     good = (distance >= spec.nearest_m) & (facing >= math.cos(math.radians(spec.incidence_deg)))
     patch, position, towards, distance, facing = (x[good] for x in (patch, position, towards, distance, facing))
     good = ~_blocked(grid.state, FREE, (positions_enu_m - grid.origin_enu_m) / grid.voxel_m,

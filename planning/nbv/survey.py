@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
 from missions.frames import Array, forward_enu, wrap_pi
-from missions.grid import SurfaceVoxels, VoxelGrid
+from missions.grid import VoxelGrid
 from missions.mission import SurveySpec
 from planning.nbv.lattice import in_view
 from planning.nbv.patches import Patches, surface_patches
@@ -45,7 +45,7 @@ class SurveyViewSpec:
     @classmethod
     def of(cls, survey: SurveySpec) -> SurveyViewSpec:
         """What a mission file asks of its survey."""
-        sight = SightSpec(survey.distance_m, 0.45 * survey.distance_m, 1.8 * survey.distance_m)
+        sight = SightSpec(survey.distance_m, 0.35 * survey.distance_m, 1.7 * survey.distance_m)
         return cls(survey.max_views, survey.pictures_per_patch, sight)
 
 
@@ -67,14 +67,14 @@ class SurveyPlan:
         return float((self.pictures[self.coverable] >= pictures).mean()) if self.coverable.any() else 1.0
 
 
-def plan_survey(grid: VoxelGrid, surface: SurfaceVoxels, positions_enu_m: Array, camera: Camera,
-                object_min_enu_m: Array, object_max_enu_m: Array, spec: SurveyViewSpec) -> SurveyPlan:
+def plan_survey(grid: VoxelGrid, positions_enu_m: Array, camera: Camera, object_min_enu_m: Array,
+                object_max_enu_m: Array, spec: SurveyViewSpec) -> SurveyPlan:
     """Choose at most spec.max_views views from the given positions.
 
     positions_enu_m: (n, 3) positions that vehicles may hold: free with clearance, and reachable. The plan is empty
     when there is no surface in the box or no position. Ties go to the earlier candidate.
     """
-    patches = surface_patches(surface, object_min_enu_m, object_max_enu_m, grid.voxel_m, spec.patch_m)
+    patches = surface_patches(grid, object_min_enu_m, object_max_enu_m, spec.patch_m)
     pictures, paired = np.zeros(len(patches), dtype=np.int64), np.zeros(len(patches), dtype=np.int64)
     if not len(patches) or not len(positions_enu_m):
         return SurveyPlan([], patches, np.zeros(len(patches), dtype=np.bool_), pictures, paired)
