@@ -51,27 +51,36 @@ class Airspace:
         return self.field.with_spheres(np.array([m for m, _ in kept]), np.array([r for _, r in kept]))
 
     def reach(self, start_enu_m: Array, teammates_enu_m: list[Array]) -> Reach:
-        """Distances and paths from a start (or the wide place nearest to it) to everywhere."""
-        field = self.around(start_enu_m, teammates_enu_m)
-        return reachable(field, self.wide_place(field, start_enu_m), self.clearance_m)
+        """Distances and paths from a start to everywhere."""
+        return self._reach(self.around(start_enu_m, teammates_enu_m), start_enu_m)
 
     def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array | None:
         """(k, 3) waypoints from start to goal, both included, or None when there is no way through known-free space.
 
-        The quick random search decides most cases; where it gives up, a complete search over the voxels does.
+        The quick random search decides most cases; where it gives up, and where the start itself has become narrow, a
+        complete search over the voxels does.
         """
         field = self.around(start_enu_m, teammates_enu_m)
-        wide = self.wide_place(field, start_enu_m)
+        if field.clearance_m(start_enu_m)[0] >= self.clearance_m:
+            try:
+                return plan_path(field, start_enu_m, goal_enu_m, self.clearance_m, self.lower_enu_m, self.upper_enu_m,
+                                 _seed(start_enu_m, goal_enu_m))
+            except NoPath as refusal:
+                if refusal.reason != "search":
+                    return None
+        elif field.clearance_m(goal_enu_m)[0] < self.clearance_m:
+            return None
         try:
-            return joined(start_enu_m, plan_path(field, wide, goal_enu_m, self.clearance_m, self.lower_enu_m,
-                                                 self.upper_enu_m, _seed(wide, goal_enu_m)))
-        except NoPath as refusal:
-            if refusal.reason != "search":
-                return None
-        try:
-            return joined(start_enu_m, reachable(field, wide, self.clearance_m).path_to(goal_enu_m))
+            return joined(start_enu_m, self._reach(field, start_enu_m).path_to(goal_enu_m))
         except NoPath:
             return None
+
+    def _reach(self, field: VoxelField, start_enu_m: Array) -> Reach:
+        """From the start, by whichever wide place around it leads on; where none is near, from the nearest."""
+        reach = reachable(field, start_enu_m, self.clearance_m)
+        if np.isfinite(reach.distance_m).any():
+            return reach
+        return reachable(field, self.wide_place(field, start_enu_m), self.clearance_m)
 
     def wide_place(self, field: VoxelField, start_enu_m: Array) -> Array:
         """The start itself when it has the clearance. A newer map may have taken it away where a vehicle hovers; then

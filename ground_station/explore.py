@@ -179,6 +179,10 @@ class Explorer:
         middle = 0.5 * (np.array(self._site.object_min_enu_m) + np.array(self._site.object_max_enu_m))
         return math.atan2(middle[1] - from_enu_m[1], middle[0] - from_enu_m[0])
 
+    def look_again(self, vehicle_id: int) -> None:
+        """The vehicle was shut in and is brought back to its column, from where it may look around once more."""
+        self._fallbacks.pop(vehicle_id, None)
+
     def forbid(self, goal: Pose) -> None:
         """Never again send anybody to this position: it was refused or blocked."""
         near = np.linalg.norm(self._lattice.positions_enu_m - np.array(goal.position_enu_m), axis=1) < 1e-3

@@ -141,7 +141,8 @@ def main(argv: list[str] | None = None) -> int:
     if essential_failed:
         log.error("the mission was cut short; what was received is kept in %s", run.root)
         return 1
-    failed = [stage for stage in STAGES if not run_stage(stage, run, options.keep_depth)]
+    stages = STAGES if mission.reconstruct.enabled else STAGES[1:]
+    failed = [stage for stage in stages if not run_stage(stage, run, options.keep_depth)]
     _print_result(run, options.json)
     return 1 if failed else 0
 

@@ -77,6 +77,13 @@ class Survey:
             for i in tour:
                 self.ledger.assign(self._ids[i], flyer.vehicle_id, t_s)
 
+    def shut_in(self, flyer: Flyer, airspace: Airspace, teammates_enu_m: list[Array]) -> bool:
+        """Whether there is no way from where a vehicle hovers to any view that it still has to plan."""
+        poses = [self.ledger.view(i).pose for i in self._queues.get(flyer.vehicle_id, [])]
+        goals = np.array([p.position_enu_m for p in poses]).reshape(-1, 3)
+        reach = airspace.reach(flyer.position_enu_m, teammates_enu_m)
+        return bool(len(goals)) and not np.isfinite(reach.distance_to(goals)).any()
+
     def next_waypoints(self, flyer: Flyer, airspace: Airspace, teammates_enu_m: list[Array]) -> list[Waypoint]:
         """The vehicle's next chunk, every leg free of collisions; views without a way are handed back. May be empty."""
         queue = self._queues.get(flyer.vehicle_id, [])

@@ -136,6 +136,16 @@ def test_views_in_solid_space_are_never_in_a_plan() -> None:
     assert [w.view_id for w in plan if w.view_id is not None] == [10002]
 
 
+def test_a_vehicle_without_a_way_to_any_of_its_views_is_shut_in() -> None:
+    survey = Survey(views(3), SurveySpec())
+    survey.allocate([flyer(1)], 0.0)
+    behind = Flyer(1, np.array([20.0, 0.0, 10.0]), flyer(1).home_enu_m, 1e4)
+    assert not survey.shut_in(flyer(1), AIR, [])
+    assert survey.shut_in(behind, free_airspace(wall=True), [])
+    assert not survey.shut_in(flyer(2), free_airspace(wall=True), [])
+    assert survey.left(1) == 3
+
+
 def test_without_range_nothing_is_promised() -> None:
     survey, poor = Survey(views(5), SurveySpec()), flyer(2, range_m=1.0)
     survey.allocate([flyer(1)], 0.0)
