@@ -42,6 +42,7 @@ REMEDIES = {
     "bus on loopback": "allow this user to listen on 127.0.0.1",
 }
 OPTIONAL = {"EGL pictures"}
+PROBE_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,12 @@ class Finding:
 def probe(name: str, code: str) -> Finding:
     """Run a probe in a process of its own: a library that crashes takes only itself down."""
     try:
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PROBE_S,
+                              check=False)
         lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
         works, detail = done.returncode == 0, lines[-1] if lines else f"exit code {done.returncode}"
     except subprocess.TimeoutExpired:
-        works, detail = False, "no answer within 120 s"
+        works, detail = False, f"no answer within {PROBE_S:g} s"
     remedy = "" if works else REMEDIES.get(name, "run: bash .ci/setup")
     return Finding(name, works, detail, remedy, name not in OPTIONAL)
 

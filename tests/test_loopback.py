@@ -6,6 +6,8 @@ import csv
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -76,6 +78,8 @@ def audited(tmp_path: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, list[str], Path]:
+    for room in ("planning", "perception", "vehicle"):
+        subprocess.run([sys.executable, "-m", f"{room}.warm_up"], check=True)
     folder = tmp_path_factory.mktemp("loopback")
     run, complaints = fly(folder, [], environment=audited(folder))
     return run, complaints, folder
@@ -89,6 +93,13 @@ def test_the_mission_flies_from_take_off_to_landing(flown: tuple[RunFolder, list
     assert set(record["phases"]) == {"explore", "survey", "return"}
     assert record["fleet"]["views_flown"] == len(record["outcomes"]) == 12
     assert referee["coverage"]["final"] >= 0.5 * referee["coverage"]["ceiling"]
+
+
+def test_no_process_compiles_while_it_flies(flown: tuple[RunFolder, list[str], Path]) -> None:
+    _, _, folder = flown
+    opened = [line for log in folder.glob("audit.*") for line in log.read_text().splitlines() if "open " in line]
+    assert any(line.endswith(".nbc") for line in opened)
+    assert [line for line in opened if ".nbc.tmp" in line or ".nbi.tmp" in line] == []
 
 
 def test_every_picture_is_on_disk_and_in_the_table(flown: tuple[RunFolder, list[str], Path]) -> None:
