@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.camera import Pose
+from perception.depth import torch_volume
 from perception.depth.consistency import votes
+from perception.depth.cost_volume import cost_volume
 from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
 from perception.depth.sky import sky_mask
 from perception.depth.sources import MIN_SPACING_M, choose_sources, source_scores
@@ -167,3 +169,19 @@ def test_edge_along_the_epipolar_line_determines_nothing() -> None:
     climbed, moved = Pose((0.0, 0.0, 7.0), NORTH, 0.0), Pose((1.0, 0.0, 5.0), NORTH, 0.0)
     assert determinacy(gray, camera, pose, [climbed], 5)[20:100, 110:117].max() < 0.01
     assert determinacy(gray, camera, pose, [climbed, moved], 5)[20:100, 110:117].min() > 0.99
+
+
+@pytest.mark.parametrize("sources", [1, 2, 4])
+def test_compiled_loops_and_torch_build_the_same_volume(sources: int) -> None:
+    rng = np.random.default_rng(3)
+    images = rng.uniform(0.0, 255.0, (sources + 1, 24, 40)).astype(np.float32)
+    a = np.stack(np.meshgrid(np.arange(40), np.arange(24)), dtype=np.float32) + 0.5
+    a = np.stack([np.concatenate([a, np.ones((1, 24, 40), np.float32)])] * sources)
+    b = rng.uniform(-30.0, 30.0, (sources, 3)).astype(np.float32) * np.float32([1.0, 1.0, 0.1])
+    planes = np.linspace(0.0, 0.66, 20, dtype=np.float32)
+    ours, theirs = (volume.astype(int) for volume in (
+        cost_volume(images[0], images[1:], (a, b), planes, 0.4, 250.0),
+        torch_volume.cost_volume(images[0], images[1:], (a, b), planes, 0.4, 250.0, "cpu")))
+    assert np.abs(ours - theirs).max() <= 2
+    assert (ours != theirs).mean() < 0.01
+    assert (ours != 250).mean() > 0.3

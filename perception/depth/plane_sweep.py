@@ -1,4 +1,4 @@
-"""Depth of one picture from 2 to 6 neighbours at known poses: a plane-sweep cost volume in torch.
+"""Depth of one picture from 2 to 6 neighbours at known poses: a plane-sweep cost volume.
 
 The geometric half of the MACARONS depth module (Guedon et al. 2023), with two changes: planes lie evenly in inverse
 depth, one step per pixel of parallax, and they run out to infinity so that background does not pile up on a last plane.
@@ -12,18 +12,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch.nn import functional
 
 from missions.camera import Camera, Pose
 from perception.depth import semi_global, texture
+from perception.depth.cost_volume import WINDOW_PX, cost_volume
 from perception.depth.depth_map import DepthMap, Image
 from perception.depth.sky import sky_mask
 
 COST_SCALE = 250.0
-CHUNK = 16
-"""Planes warped at once: small enough for the cache."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,6 @@ class SweepSettings:
     """The volume has the picture's resolution divided by this."""
     nearest_m: float = 1.5
     max_planes: int = 128
-    window_px: int = 5
     max_cost: float = 0.4
     """Largest 1 - ZNCC at the winning plane."""
     unseen_cost: float = 0.4
@@ -47,8 +43,8 @@ class SweepSettings:
     """Smallest share of gradient energy along an epipolar line; below, a straight edge matches at any depth."""
     sigma_px: float = 0.35
     """Standard deviation of matching, in pixels of the volume."""
-    threads: int = 1
-    device: str = "cpu"
+    device: str = ""
+    """A torch device for the volume, such as cuda; none for the compiled loops."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,6 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
     if not sources:
         raise ValueError("plane sweep needs at least one source picture")
     settings = settings or SweepSettings()
-    torch.set_num_threads(settings.threads)
     planes = inverse_depths(target, sources, settings)
     raw = _cost_volume(target, sources, planes, settings)
     smooth = semi_global.aggregate(raw, target.gray)
@@ -112,8 +107,8 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
 
 def _matchable(target: Frame, sources: list[Frame], settings: SweepSettings) -> NDArray[np.bool_]:
     """(h, w) windows with texture, some of it along the epipolar lines."""
-    along = texture.determinacy(target.gray, target.camera, target.pose, [s.pose for s in sources], settings.window_px)
-    strength = texture.deviation_dn(target.gray, settings.window_px)
+    along = texture.determinacy(target.gray, target.camera, target.pose, [s.pose for s in sources], WINDOW_PX)
+    strength = texture.deviation_dn(target.gray, WINDOW_PX)
     return (strength > settings.min_texture_dn) & (along > settings.min_determinacy)
 
 
@@ -126,85 +121,12 @@ def _epipolar_terms(target: Frame, source: Frame) -> tuple[Image, Image]:
 
 
 def _cost_volume(target: Frame, sources: list[Frame], planes: Image, settings: SweepSettings) -> NDArray[np.int16]:
-    """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE.
+    """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE."""
+    a, b = zip(*(_epipolar_terms(target, source) for source in sources), strict=True)
+    images, terms = np.stack([source.gray for source in sources]), (np.stack(a), np.stack(b))
+    if settings.device:
+        from perception.depth import torch_volume  # here, for torch takes seconds and memory to import
 
-    Planes go through in chunks, all sources of a chunk at once, so that everything but the result stays in the cache.
-    """
-    device = torch.device(settings.device)
-    kept, rim = (len(sources) + 1) // 2, settings.window_px // 2
-    h, w = target.gray.shape
-    with torch.inference_mode():
-        volume = torch.full((h, w, len(planes)), int(COST_SCALE), dtype=torch.int16, device=device)
-        reference = _normalised(torch.from_numpy(target.gray).to(device)[None], settings.window_px)
-        views = [_view(target, source, device) for source in sources]
-        for first in range(0, len(planes), CHUNK):
-            chunk = torch.from_numpy(planes[first : first + CHUNK]).to(device)
-            best: list[torch.Tensor] = []
-            for view in views:
-                best = _keep_smallest(best, _source_cost(reference, view, chunk, settings), kept)
-            mean = torch.stack(best).mean(dim=0).mul_(COST_SCALE).round_().to(torch.int16)
-            volume[rim : h - rim, rim : w - rim, first : first + len(chunk)] = mean.permute(1, 2, 0)
-    result: NDArray[np.int16] = volume.cpu().numpy()
-    return result
-
-
-def _view(target: Frame, source: Frame, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """A source on the device: its grey (1, 1, h, w) and its epipolar terms."""
-    a, b = _epipolar_terms(target, source)
-    gray = torch.from_numpy(source.gray).to(device)[None, None]
-    return gray, torch.from_numpy(a).to(device), torch.from_numpy(b).to(device)
-
-
-def _keep_smallest(kept: list[torch.Tensor], new: torch.Tensor, count: int) -> list[torch.Tensor]:
-    """The `count` smallest values seen so far, elementwise, in rising order."""
-    for i, old in enumerate(kept):
-        kept[i], new = torch.minimum(old, new), torch.maximum(old, new)
-    return kept if len(kept) == count else [*kept, new]
-
-
-def _normalised(image: torch.Tensor, window_px: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Interior of images (n, h, w) less its window means, those means, and the reciprocal window deviations."""
-    mean = _window_mean(image, window_px)
-    variance = _window_mean(image * image, window_px).sub_(mean * mean)
-    return image, mean, variance.clamp_min_(0.5).rsqrt_()
-
-
-def _window_mean(image: torch.Tensor, window_px: int) -> torch.Tensor:
-    """(n, h - window + 1, w - window + 1) means over full windows; sums of slices are 10 times as fast as pooling."""
-    h, w = image.shape[-2:]
-    rows = image[..., : w - window_px + 1] + image[..., 1 : w - window_px + 2]
-    for i in range(2, window_px):
-        rows += image[..., i : w - window_px + 1 + i]
-    total = rows[..., : h - window_px + 1, :] + rows[..., 1 : h - window_px + 2, :]
-    for i in range(2, window_px):
-        total += rows[..., i : h - window_px + 1 + i, :]
-    return total.mul_(1.0 / window_px**2)
-
-
-def _source_cost(reference: tuple[torch.Tensor, torch.Tensor, torch.Tensor],
-                 view: tuple[torch.Tensor, torch.Tensor, torch.Tensor], planes: torch.Tensor,
-                 settings: SweepSettings) -> torch.Tensor:
-    """(planes, h - window + 1, w - window + 1) 1 - ZNCC against one source."""
-    image, mean, inverse_deviation = reference
-    gray, a, b = view
-    rim = settings.window_px // 2
-    grid, seen = _sampling_grid(a, b, planes, gray.shape[-1], gray.shape[-2])
-    warped = functional.grid_sample(gray.expand(len(planes), 1, -1, -1), grid, padding_mode="border",
-                                    align_corners=False)[:, 0]
-    _, other_mean, other_inverse = _normalised(warped, settings.window_px)
-    covariance = _window_mean(warped * image, settings.window_px).sub_(other_mean * mean)
-    cost = covariance.mul_(inverse_deviation).mul_(other_inverse).neg_().add_(1.0)
-    return cost.masked_fill_(~seen[:, rim:-rim, rim:-rim], settings.unseen_cost)
-
-
-def _sampling_grid(a: torch.Tensor, b: torch.Tensor, w: torch.Tensor, width_px: int,
-                   height_px: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Where planes w (n,) lie in a source: (n, h, w, 2) in [-1, 1], and which pixels fall inside it."""
-    w = w[:, None, None]
-    z = a[2] + b[2] * w
-    inverse_z = z.clamp_min(1e-3).reciprocal_()
-    grid = torch.empty((*z.shape, 2), device=z.device)
-    for axis, size in enumerate((width_px, height_px)):
-        grid[..., axis] = (a[axis] + b[axis] * w).mul_(inverse_z).mul_(2.0 / size).sub_(1.0)
-    seen = (grid[..., 0].abs() < 1.0) & (grid[..., 1].abs() < 1.0) & (z > 0.1)
-    return grid, seen
+        return torch_volume.cost_volume(target.gray, images, terms, planes, settings.unseen_cost, COST_SCALE,
+                                        settings.device)
+    return cost_volume(target.gray, images, terms, planes, settings.unseen_cost, COST_SCALE)

@@ -42,7 +42,7 @@ class ExplorerMap:
 
     def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float, map_settings: MapSettings | None = None,
                  sweep_settings: SweepSettings | None = None, sources: int = 4, min_sources: int = 2,
-                 workers: int = 3) -> None:
+                 workers: int = 4) -> None:
         self.voxels = VoxelMap(lower_enu_m, upper_enu_m, voxel_m, map_settings)
         self._sweep = sweep_settings or SweepSettings()
         self._count, self._least = sources, min_sources
@@ -63,11 +63,12 @@ class ExplorerMap:
         self._considered = len(self._pictures)
         frames = [(self._pictures[i].frame, [self._pictures[k].frame for k in sources]) for i, sources in work]
         depths = self._workers.map(lambda pair: estimate(pair[0], pair[1], self._sweep), frames)
-        for (i, _), depth in zip(work, depths, strict=True):
+        mapped = [i for i, _ in work]
+        for i, depth in zip(mapped, depths, strict=True):
             self._pictures[i].depth = depth
-        for i, _ in work:
-            self._integrate(i)
-        return [i for i, _ in work]
+        for i, depth in zip(mapped, self._workers.map(self._checked, mapped), strict=True):
+            self._integrate(self._pictures[i], depth)
+        return mapped
 
     def depth(self, index: int) -> DepthMap | None:
         """What was integrated for a picture, if anything."""
@@ -112,15 +113,18 @@ class ExplorerMap:
         picture.score, picture.estimates = score, picture.estimates + 1
         return [near[i] for i in chosen]
 
-    def _integrate(self, index: int) -> None:
-        """Checks a new depth map against its neighbours and puts it into the map in place of an older one."""
-        picture = self._pictures[index]
-        assert picture.depth is not None
+    def _checked(self, index: int) -> DepthMap:
+        """A picture's depth map checked against those of its neighbours."""
+        depth = self._pictures[index].depth
+        assert depth is not None
+        return checked(depth, [d for i in self._near(index)[:12] if (d := self._pictures[i].depth) is not None])
+
+    def _integrate(self, picture: _Picture, depth: DepthMap) -> None:
+        """Puts a depth map into the map in place of the picture's older one."""
         if picture.integrated is not None:
             self.voxels.integrate(picture.integrated, sign=-1)
-        others = [d for i in self._near(index)[:12] if (d := self._pictures[i].depth) is not None]
-        picture.integrated = checked(picture.depth, others)
-        self.voxels.integrate(picture.integrated)
+        picture.integrated = depth
+        self.voxels.integrate(depth)
 
     def _near(self, index: int) -> list[int]:
         """Other pictures, nearest first."""
