@@ -64,6 +64,16 @@ def test_order_does_not_matter(order: list[int]) -> None:
     assert np.array_equal(first.surface().position_enu_m, second.surface().position_enu_m)
 
 
+def test_the_part_that_evidence_concerns_is_the_whole_map() -> None:
+    voxels = _mapped([])
+    for depth in _row(3):
+        voxels.integrate(depth)
+        assert np.array_equal(voxels.grid().state, voxels._state((slice(None),) * 3))
+    voxels.mark_free(np.array([-9.0, -9.0, 0.0]), np.array([-8.0, -8.0, 3.0]))
+    assert np.array_equal(voxels.grid().state, voxels._state((slice(None),) * 3))
+    assert voxels.grid() is voxels.grid()
+
+
 def test_taking_a_depth_map_out_restores_the_map() -> None:
     maps = _row(4)
     voxels, before = _mapped(maps), _mapped(maps[:-1])
@@ -71,6 +81,7 @@ def test_taking_a_depth_map_out_restores_the_map() -> None:
     for name in ("free_pictures", "hit_pictures", "touched_pictures", "hit_pixels"):
         assert np.array_equal(getattr(voxels, name), getattr(before, name))
     assert np.array_equal(voxels.surface().position_enu_m, before.surface().position_enu_m)
+    assert np.array_equal(voxels.grid().state, before.grid().state)
 
 
 def test_cable_measured_now_and_then_survives_the_rays_beside_it() -> None:

@@ -68,6 +68,9 @@ class VoxelMap:
         self._free_area = np.zeros(shape, np.int32)
         self._swept = np.zeros(shape, np.int32)
         self._touched = np.zeros(size, np.int64)
+        self._reached = np.array(shape), np.zeros(3, np.int64)
+        """First and last + 1 index of the part of the grid that any evidence concerns."""
+        self._latest: VoxelGrid | None = None
 
     def integrate(self, depth: DepthMap, sign: int = 1) -> None:
         """Adds a depth map's evidence; sign = -1 takes exactly the same evidence out again."""
@@ -81,23 +84,44 @@ class VoxelMap:
         count = carving.trace((start - origin) / voxel, direction[use], reach[use] / voxel, area,
                               self._swept, self._touched)
         self._add_free(self._touched[:count], hit, sign)
+        for flat in (self._touched[:count], hit):
+            if len(flat):
+                index = np.stack(np.unravel_index(flat, self._blank.state.shape))
+                self._reach(index.min(axis=1), index.max(axis=1) + 1)
 
     def mark_free(self, lower_enu_m: Array, upper_enu_m: Array) -> None:
         """Declares every voxel that touches the box free: a take-off column, a place flown through."""
         low = np.maximum(self._blank.index(np.asarray(lower_enu_m, float)), 0)
         high = np.maximum(self._blank.index(np.asarray(upper_enu_m, float)) + 1, 0)
         self._declared_free[low[0]:high[0], low[1]:high[1], low[2]:high[2]] = True
+        self._reach(low, high)
 
     def grid(self) -> VoxelGrid:
-        """The map as planning sees it."""
-        s = self.settings
-        share = self.touched_pictures / np.maximum(self.touched_pictures + self.free_pictures, 1)
-        occupied = (self.hit_pictures >= s.occupied_pictures) & (share >= s.occupied_share)
-        free = self._free_area >= s.free_swept * carving.AREA_UNIT
+        """The map as planning sees it, not to be written to."""
+        if self._latest is None:
+            low, high = np.maximum(self._reached[0] - 1, 0), self._reached[1] + 1
+            box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+            state = self._blank.state.copy()
+            if state[box].size:
+                state[box] = self._state(box)
+            self._latest = VoxelGrid(self._blank.origin_enu_m, self._blank.voxel_m, state)
+        return self._latest
+
+    def _state(self, box: tuple[slice, ...]) -> NDArray[np.uint8]:
+        """What is known in a part of the grid."""
+        s, touched = self.settings, self.touched_pictures[box]
+        share = touched / np.maximum(touched + self.free_pictures[box], 1)
+        occupied = (self.hit_pictures[box] >= s.occupied_pictures) & (share >= s.occupied_share)
+        free = self._free_area[box] >= s.free_swept * carving.AREA_UNIT
         free &= share < s.erase_share
-        state = np.where(occupied, OCCUPIED, np.where(free | self._declared_free, FREE, UNKNOWN)).astype(np.uint8)
+        state = np.where(occupied, OCCUPIED, np.where(free | self._declared_free[box], FREE, UNKNOWN)).astype(np.uint8)
         state[specks(state, s.speck_voxels)] = FREE
-        return VoxelGrid(self._blank.origin_enu_m, self._blank.voxel_m, state)
+        return state
+
+    def _reach(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
+        """There is new evidence from voxel low to before voxel high."""
+        self._reached = np.minimum(self._reached[0], low), np.maximum(self._reached[1], high)
+        self._latest = None
 
     def surface(self) -> SurfaceVoxels:
         """One row per occupied voxel: mean point, outward normal, number of pictures that measured it."""
