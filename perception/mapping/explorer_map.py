@@ -144,7 +144,9 @@ def predicted_coverage(grid: VoxelGrid, lower_enu_m: Array, upper_enu_m: Array) 
     """Occupied voxels in a box over those plus its frontier, the unknown voxels that touch free space; 0 at first."""
     low = np.maximum(grid.index(np.asarray(lower_enu_m, float)), 0)
     high = np.maximum(grid.index(np.asarray(upper_enu_m, float)) + 1, 0)
-    box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
-    frontier = (grid.state == UNKNOWN) & ndimage.binary_dilation(grid.state == FREE)
-    known = int((grid.state[box] == OCCUPIED).sum())
+    rim = np.minimum(low, 1)
+    around = grid.state[tuple(slice(int(a), int(b)) for a, b in zip(low - rim, high + 1, strict=True))]
+    box = tuple(slice(int(a), int(b)) for a, b in zip(rim, high - low + rim, strict=True))
+    frontier = (around == UNKNOWN) & ndimage.binary_dilation(around == FREE)
+    known = int((around[box] == OCCUPIED).sum())
     return known / max(known + int(frontier[box].sum()), 1)
