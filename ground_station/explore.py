@@ -191,13 +191,14 @@ class Explorer:
     def _field(self) -> GainField:
         box = np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m)
         surface = self.map.surface()
-        field = gain_field(self.grid, surface, *box, self._gain_spec, self._looks)
+        bounds = camera_bounds(self._mission, self._site)
+        field = gain_field(self.grid, surface, *box, self._gain_spec, self._looks, bounds)
         if not self._new_keys:
             return field
         for pose in self._new_keys:
             self._looks = count_looks(field, self._looks, pose, self._camera)
         self._new_keys.clear()
-        return gain_field(self.grid, surface, *box, self._gain_spec, self._looks)
+        return gain_field(self.grid, surface, *box, self._gain_spec, self._looks, bounds)
 
     def _query(self, a: Asking, reach: Reach) -> VehicleQuery:
         positions = self._lattice.positions_enu_m
