@@ -17,7 +17,7 @@ from missions.grid import FREE, VoxelGrid
 from missions.lattice import lattice_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from missions.pads import camera_bounds, geofence
+from missions.pads import camera_bounds, geofence, surface_box
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 
 log = logging.getLogger(__name__)
@@ -67,8 +67,8 @@ def _planned(mission: Mission, site: SiteBrief, grid: VoxelGrid, starts_enu_m: l
     positions = positions[airspace.clear_at(positions)]
     far = np.array([airspace.reach(start, []).distance_to(positions) for start in starts_enu_m])
     positions = positions[np.isfinite(far).any(axis=0)]
-    plan = plan_survey(grid, positions, mission.camera.survey_camera(), np.array(site.object_min_enu_m),
-                       np.array(site.object_max_enu_m), SurveyViewSpec.of(mission.survey))
+    plan = plan_survey(grid, positions, mission.camera.survey_camera(), *surface_box(mission, site),
+                       SurveyViewSpec.of(mission.survey))
     log.info("survey: %d of %d patches can be seen from %d positions; %.0f %% of these in one picture, %.0f %% in three",
              plan.coverable.sum(), len(plan.patches), len(positions), 100.0 * plan.covered_share(1),
              100.0 * plan.covered_share(3))

@@ -20,6 +20,8 @@ PAD_FENCE_M = 3.0
 """The geofence leaves at least this much room around every pad."""
 COLUMN_HALF_WIDTH_M = 3.0
 HOVER_ABOVE_FLOOR_M = 1.0
+GROUND_VOXELS = 1.5
+"""Voxels whose middle lies less than one voxel above the ground are taken for ground, not for object."""
 
 
 def takeoff_points(mission: Mission, site: SiteBrief) -> list[Vector]:
@@ -37,6 +39,15 @@ def camera_bounds(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
     margin = mission.site.camera_margin_m
     lower, upper = np.array(site.object_min_enu_m) - margin, np.array(site.object_max_enu_m) + margin
     lower[2] = site.ground_up_m + mission.site.camera_floor_m
+    return lower, upper
+
+
+def surface_box(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
+    """(lower, upper), each (3,) ENU metres: the object's box without the ground that it stands on, which nobody asked
+    for and which would take a share of the views."""
+    lower, upper = np.array(site.object_min_enu_m), np.array(site.object_max_enu_m)
+    above_ground = site.ground_up_m + GROUND_VOXELS * mission.explore.voxel_m
+    lower[2] = min(max(lower[2], above_ground), upper[2] - mission.explore.voxel_m)
     return lower, upper
 
 
