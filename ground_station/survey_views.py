@@ -69,7 +69,8 @@ def _planned(mission: Mission, site: SiteBrief, grid: VoxelGrid, starts_enu_m: l
     positions = positions[np.isfinite(far).any(axis=0)]
     plan = plan_survey(grid, positions, mission.camera.survey_camera(), *surface_box(mission, site),
                        SurveyViewSpec.of(mission.survey))
-    log.info("survey: %d of %d patches can be seen from %d positions; %.0f %% of these in one picture, %.0f %% in three",
+    log.info("survey: %d of %d patches can be seen from %d positions; "
+             "%.0f %% of these in one picture, %.0f %% in three",
              plan.coverable.sum(), len(plan.patches), len(positions), 100.0 * plan.covered_share(1),
              100.0 * plan.covered_share(3))
     return plan.poses
