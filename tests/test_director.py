@@ -1,0 +1,46 @@
+"""What the mission does with a vehicle around which the map has closed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+
+from ground_station.director import MAX_RESCUES, Director
+from ground_station.explore import MAX_FALLBACKS
+from ground_station.fleet import Drone, Fleet, Stage
+from ground_station.recorder import Recorder
+from missions.messages import SiteBrief, VehicleState
+from missions.mission import Mission
+from missions.run_folder import RunFolder
+
+SITE = SiteBrief(object_min_enu_m=(-4.0, -3.0, 0.0), object_max_enu_m=(4.0, 3.0, 7.0), ground_up_m=0.0)
+MISSION = Mission(title="t")
+
+
+def hovering_at(drone: Drone, x: float, y: float, z: float) -> None:
+    drone.stage = Stage.READY
+    drone.link.on_state(VehicleState(
+        vehicle_id=drone.vehicle_id, t_ns=0, position_enu_m=(x, y, z), velocity_enu_m_s=(0.0, 0.0, 0.0),
+        acceleration_enu_m_s2=(0.0, 0.0, 0.0), yaw_enu_rad=0.0, gimbal_elevation_rad=0.0, battery_percent=100.0,
+        flying=True, mode="mission"))
+
+
+def test_a_shut_in_vehicle_looks_around_then_starts_anew_from_its_pad_then_waits(tmp_path: Path) -> None:
+    recorder = Recorder(RunFolder(tmp_path), MISSION, SITE)
+    fleet = Fleet(MISSION, SITE, Mock(), Mock(), recorder)
+    director, drone = Director(MISSION, SITE, fleet, Mock(), recorder), fleet.drones[1]
+    for _ in range(MAX_RESCUES):
+        for _ in range(MAX_FALLBACKS):
+            hovering_at(drone, 12.0, 9.0, 4.0)
+            director._decide([drone])
+            assert drone.stage is Stage.FLYING
+        hovering_at(drone, 12.0, 9.0, 4.0)
+        director._decide([drone])
+        assert drone.stage is Stage.HOMING
+        assert recorder.notes[-1].endswith("vehicle 1 is shut in by the map and is called home")
+    for _ in range(MAX_FALLBACKS + 1):
+        hovering_at(drone, *(float(c) for c in drone.hover_enu_m + np.array([0.0, 0.0, 0.5])))
+        director._decide([drone])
+    assert drone.stage is Stage.READY
