@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.errors import ProtocolError
+from missions.errors import ProtocolError, UserError
 from missions.frames import Array
 from missions.messages import MapSnapshot
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+MOST_VOXELS = 30_000_000
+"""The ground station holds about 120 bytes per voxel."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,15 @@ class VoxelGrid:
 
     @classmethod
     def unknown(cls, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float) -> VoxelGrid:
-        """A grid that covers the box and knows nothing."""
+        """A grid that covers the box and knows nothing. Raises UserError when it would not fit into memory."""
         lower = np.asarray(lower_enu_m, dtype=np.float64)
         shape = np.maximum(1, np.ceil((np.asarray(upper_enu_m) - lower) / voxel_m).astype(int))
+        millions = float(np.prod(shape.astype(np.float64))) / 1e6
+        if millions > MOST_VOXELS / 1e6:
+            told = " x ".join(f"{voxel_m * n:.0f}" for n in shape)
+            enough_m = np.ceil(20.0 * 1.02 * voxel_m * (1e6 * millions / MOST_VOXELS) ** (1 / 3)) / 20.0
+            raise UserError(f"mission: explore.voxel_m = {voxel_m:g} cuts the geofence of {told} m into {millions:.0f} "
+                            f"million voxels, more than {MOST_VOXELS / 1e6:.0f}; raise it to {enough_m:g} or more.")
         return cls(lower, voxel_m, np.full(tuple(shape), UNKNOWN, dtype=np.uint8))
 
     def index(self, points_enu_m: Array) -> NDArray[np.int64]:
