@@ -186,7 +186,7 @@ def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path) -> None:
 
 
 def test_a_vehicle_that_runs_low_hands_its_views_over_and_keeps_their_origin(tmp_path: Path) -> None:
-    run, complaints = fly(tmp_path, ["battery.percent_per_m=0.4", "battery.start_percent=[31.0, 100.0]",
+    run, complaints = fly(tmp_path, ["battery.percent_per_m=0.25", "battery.start_percent=[24.5, 100.0]",
                                      "explore.max_views=6", "survey.max_views=24"])
     assert complaints == []
     record, referee = flight_of(run), json.loads(run.referee.read_text())
