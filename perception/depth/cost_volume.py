@@ -6,6 +6,7 @@ IEEE operation in a fixed order: the volume is the same bit by bit on any machin
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,9 +41,11 @@ def cost_volume(gray: Image, images: Stack, terms: tuple[Stack, Stack], planes: 
 
 def _window_moments(gray: Image) -> Stack:
     """(h - window + 1, 2, w - window + 1) means of full windows, and reciprocals of their standard deviations."""
-    windows = np.lib.stride_tricks.sliding_window_view(gray, (WINDOW_PX, WINDOW_PX)).astype(np.float64)
-    variance = np.maximum(windows.var(axis=(2, 3)), LEAST_VARIANCE)
-    return np.stack([windows.mean(axis=(2, 3)), 1.0 / np.sqrt(variance)], axis=1).astype(np.float32)
+    rim = WINDOW_PX // 2
+    exact = gray.astype(np.float64)
+    mean, power = (cv2.blur(image, (WINDOW_PX, WINDOW_PX))[rim:-rim, rim:-rim] for image in (exact, exact * exact))
+    variance = np.maximum(power - mean * mean, LEAST_VARIANCE)
+    return np.stack([mean, 1.0 / np.sqrt(variance)], axis=1).astype(np.float32)
 
 
 @compiled
