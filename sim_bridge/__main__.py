@@ -20,7 +20,7 @@ from missions.errors import SwarmscanError, UserError
 from missions.lattice import view_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission, find_mission, load_mission, without_scene
-from missions.pads import camera_bounds
+from missions.pads import camera_bounds, takeoff_columns, takeoff_points
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
@@ -32,6 +32,10 @@ from sim_bridge.verdict import COVERAGE_POINTS, reference_points, write_referenc
 from sim_bridge.world import World
 
 log = logging.getLogger(__name__)
+
+COLUMN_SAMPLE_M = 0.5
+ABOVE_GROUND_M = 0.75
+"""Columns are judged from here up; the ground itself, and grass, are no obstacle to a take-off."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -59,6 +63,7 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
         scene = load_scene(mission.scene, mission.site)
         site = site_brief(mission, scene)
         truth = Truth(*scene.mesh(), mission.obstacles)
+        check_columns(mission, site, truth)
         coverage = _coverage(mission, scene, site, truth)
         write_reference(folder, scene, site)
         with closing(make_renderer(scene, mission.render, mission.camera, mission.seed)) as renderer:
@@ -94,6 +99,21 @@ def site_brief(mission: Mission, scene: Scene) -> SiteBrief:
     return SiteBrief(object_min_enu_m=given.object_min_enu_m or scene.object_min_enu_m,
                      object_max_enu_m=given.object_max_enu_m or scene.object_max_enu_m,
                      ground_up_m=scene.ground_up_m if given.ground_up_m is None else given.ground_up_m)
+
+
+def check_columns(mission: Mission, site: SiteBrief, truth: Truth) -> None:
+    """The operator's word that vehicles take off through free space, held against the truth. Raises UserError."""
+    for k, (lower, upper) in enumerate(takeoff_columns(mission, site)):
+        bottom = np.array([lower[0], lower[1], site.ground_up_m + ABOVE_GROUND_M])
+        axes = [np.arange(a, b + 1e-6, COLUMN_SAMPLE_M) for a, b in zip(bottom, upper, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        room = truth.distance(points, np.full(len(points), BEFORE_FLIGHT_NS))
+        if room.min() < 0.5 * COLUMN_SAMPLE_M:
+            east, north, up = points[room.argmin()]
+            x, y, _ = takeoff_points(mission, site)[k]
+            raise UserError(f"mission: the take-off column of vehicle {k + 1}, over ({x:.1f}, {y:.1f}) m, is not free: "
+                            f"the scene has something at ({east:.1f}, {north:.1f}, {up:.1f}) m; give "
+                            "fleet.takeoff_enu_m points on open ground.")
 
 
 def _coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth) -> Coverage:
