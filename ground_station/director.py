@@ -290,8 +290,7 @@ class Director:
         battery = self._mission.battery
         reserve = battery.threshold_percent
         if self.phase == "explore" and self._mission.survey.enabled:
-            start = battery.start_percent[drone.vehicle_id - 1] if battery.start_percent else 100.0
-            reserve += (1.0 - EXPLORE_ENERGY_SHARE) * max(0.0, start - reserve)
+            reserve += (1.0 - EXPLORE_ENERGY_SHARE) * max(0.0, battery.start_of(drone.vehicle_id) - reserve)
         return range_m(drone.battery_percent, battery.percent_per_m, reserve)
 
     def _seconds_left(self) -> float:

@@ -88,9 +88,13 @@ class BatterySpec(_Section, frozen=True, kw_only=True):
     and stops flies about 1.8 km: 100 % / 1836 m."""
     hover_percent_per_s: NonNegative = 0.0
     start_percent: list[Percent] = []
-    """One value per vehicle; 100 when empty."""
+    """Charge of the first vehicles at the start; those beyond the list start full."""
     threshold_percent: Percent = 20.0
     """At this level a vehicle returns and its remaining views go to the others (thesis section 4.4.6)."""
+
+    def start_of(self, vehicle_id: int) -> float:
+        """Charge of a vehicle (counted from 1) at the start, percent."""
+        return self.start_percent[vehicle_id - 1] if vehicle_id <= len(self.start_percent) else 100.0
 
 
 class CameraSpec(_Section, frozen=True, kw_only=True):
@@ -148,7 +152,7 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     """Where the survey's views come from: planned on the explored map, the exploration's key views, or a file."""
     views_path: str = ""
     max_views: Annotated[int, Meta(ge=1)] = 160
-    distance_m: Positive = 9.0
+    distance_m: Positive = 8.0
     """Preferred distance to the surface; views may stand 0.35 to 1.7 times as far."""
     pictures_per_patch: Annotated[int, Meta(ge=1)] = 3
     allocation: Literal["distance", "distance_elevation"] = "distance"
@@ -259,10 +263,10 @@ def load_mission(path: Path, overrides: dict[str, str] | None = None) -> Mission
 def check(mission: Mission, where: str) -> None:
     """Rules that hold between fields. Raises UserError."""
     n = mission.fleet.vehicles
-    for key, values in (("fleet.takeoff_enu_m", mission.fleet.takeoff_enu_m),
-                        ("battery.start_percent", mission.battery.start_percent)):
-        if values and len(values) != n:
-            raise UserError(f"{where}: {key} has {len(values)} entries for {n} vehicles; give {n} or leave it out.")
+    pads = mission.fleet.takeoff_enu_m
+    if pads and len(pads) != n:
+        raise UserError(f"{where}: fleet.takeoff_enu_m has {len(pads)} entries for {n} vehicles; give {n} or leave it "
+                        "out.")
     lo, hi = mission.site.object_min_enu_m, mission.site.object_max_enu_m
     if (lo is None) != (hi is None):
         raise UserError(f"{where}: site.object_min_enu_m and site.object_max_enu_m belong together; give both or none.")

@@ -35,7 +35,7 @@ def test_shipped_missions_load_and_are_described(path):
     ("title = 'x'\n[fleet]\nvehicles = 0\n", "fleet.vehicles", "correct the value"),
     ("title = 'x'\n[fleet]\nspeed_m_s = 'fast'\n", "fleet.speed_m_s", "correct the value"),
     ("description = 'x'\n", "title", "add it"),
-    ("title = 'x'\n[battery]\nstart_percent = [100.0]\n", "battery.start_percent", "leave it out"),
+    ("title = 'x'\n[fleet]\ntakeoff_enu_m = [[0.0, 0.0, 0.0]]\n", "fleet.takeoff_enu_m", "leave it out"),
     ("title = 'x'\n[site]\nobject_min_enu_m = [0.0, 0.0, 0.0]\n", "object_max_enu_m", "give both"),
     ("title = 'x'\n[fleet]\nclearance_m = 0.1\n", "fleet.clearance_m", "raise the clearance"),
     ("title = x\n", "TOML", "mend that line"),

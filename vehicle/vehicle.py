@@ -66,8 +66,7 @@ class Vehicle:
         hover = np.array(hover_points(mission, site)[n])
         self.fence = geofence(mission, site)
         self.site = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
-        level = mission.battery.start_percent[n] if mission.battery.start_percent else 100.0
-        self.battery = Battery(level, mission.battery.percent_per_m, mission.battery.hover_percent_per_s)
+        self.battery = Battery(mission.battery.start_of(vehicle_id), mission.battery.percent_per_m, mission.battery.hover_percent_per_s)
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)
         self.memory = SensorMemory(*self.fence, mission.explore.voxel_m, fleet.range_sensor_m,
                                    takeoff_columns(mission, site))
