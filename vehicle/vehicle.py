@@ -66,7 +66,8 @@ class Vehicle:
         hover = np.array(hover_points(mission, site)[n])
         self.fence = geofence(mission, site)
         self.site = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
-        self.battery = Battery(mission.battery.start_of(vehicle_id), mission.battery.percent_per_m, mission.battery.hover_percent_per_s)
+        battery = mission.battery
+        self.battery = Battery(battery.start_of(vehicle_id), battery.percent_per_m, battery.hover_percent_per_s)
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)
         self.memory = SensorMemory(*self.fence, mission.explore.voxel_m, fleet.range_sensor_m,
                                    takeoff_columns(mission, site))
