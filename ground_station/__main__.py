@@ -6,7 +6,6 @@ import argparse
 import logging
 import signal
 import sys
-from pathlib import Path
 from typing import Any
 
 from ground_station.director import Director
@@ -18,12 +17,10 @@ from ground_station.survey_views import check_survey
 from missions import topics
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import GROUND, SimClock
-from missions.errors import SwarmscanError, UserError
 from missions.frames import Site
 from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder
-
-log = logging.getLogger(__name__)
 
 HEARD: tuple[topics.Topic[Any], ...] = (
     topics.MAVLINK_UP, topics.PLAN_VERDICT, topics.LEG_REPORT, topics.PICTURE_CHUNK, topics.VEHICLE_STATE)
@@ -32,24 +29,17 @@ HEARD: tuple[topics.Topic[Any], ...] = (
 def main(argv: list[str] | None = None) -> int:
     """Fly the mission. 2 for what the user can mend, 1 for what went wrong on the way."""
     options = _parse(argv)
-    logging.basicConfig(level=logging.WARNING if options.quiet else logging.INFO, stream=sys.stderr,
-                        format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    return run_process(lambda: _open(options))
+
+
+def _open(options: argparse.Namespace) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        mission = without_scene(load_mission(find_mission(options.mission)))
-        check_survey(mission)
-        run = RunFolder(options.run)
-        with Bus(GROUND, options.fleet, connect=options.connect) as bus, Progress(options.quiet) as progress:
-            fly(mission, run, bus, progress)
-    except UserError as e:
-        log.error("%s", e)
-        return 2
-    except SwarmscanError as e:
-        log.error("%s", e)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    if options.quiet:
+        logging.getLogger().setLevel(logging.WARNING)
+    mission = without_scene(load_mission(find_mission(options.mission)))
+    check_survey(mission)
+    with Bus(GROUND, options.fleet, connect=options.connect) as bus, Progress(options.quiet) as progress:
+        fly(mission, RunFolder(options.run), bus, progress)
 
 
 def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
@@ -81,15 +71,12 @@ def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
     finally:
         recorder.write(fleet.t_ns)
         ingest.close()
-        run.write_process_record(GROUND)
+        run.write_process_record(GROUND, messages_sent=bus.sent)
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="swarmscan ground-station", description=__doc__)
-    parser.add_argument("mission", help="mission file, or the name of one in missions/")
-    parser.add_argument("--run", type=Path, required=True, help="run folder")
+    parser = process_parser("ground-station", __doc__ or "")
     parser.add_argument("--connect", default=DEFAULT_ENDPOINT, help="where sim_bridge listens (default %(default)s)")
-    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus (default %(default)s)")
     parser.add_argument("--quiet", action="store_true", help="no progress display")
     return parser.parse_args(argv)
 

@@ -6,11 +6,10 @@ Each entry names its module as a string, so that the command turns into that pro
 from __future__ import annotations
 
 import importlib
-import logging
 import sys
 from dataclasses import dataclass
 
-from missions.errors import SwarmscanError, UserError
+from missions.process import run_process
 
 
 @dataclass(frozen=True)
@@ -55,18 +54,8 @@ def main(argv: list[str] | None = None) -> int:
         names = ", ".join(c.name for c in COMMANDS)
         sys.stderr.write(f"swarmscan: unknown command {arguments[0]}; use one of: {names}.\n")
         return 2
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     module, function = command.target.split(":")
-    try:
-        return int(getattr(importlib.import_module(module), function)(arguments[1:]))
-    except UserError as e:
-        sys.stderr.write(f"swarmscan {command.name}: {e}\n")
-        return 2
-    except SwarmscanError as e:
-        sys.stderr.write(f"swarmscan {command.name}: {e}\n")
-        return 1
-    except KeyboardInterrupt:
-        return 130
+    return run_process(lambda: int(getattr(importlib.import_module(module), function)(arguments[1:])))
 
 
 if __name__ == "__main__":

@@ -148,6 +148,11 @@ class Bus:
         body = msgspec.Raw(msgspec.msgpack.encode(message))
         publisher.put(msgspec.msgpack.encode(_Envelope(self.name, self.boot, self.t_ns, body)))
 
+    @property
+    def sent(self) -> int:
+        """Lock-step messages published so far."""
+        return sum(self.published.values())
+
     def take_counts(self) -> dict[str, int]:
         """Totals of the lock-step keys that were published on since the last call."""
         changed, self._changed = self._changed, set()

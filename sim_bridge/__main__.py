@@ -9,18 +9,18 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import BRIDGE, GROUND, vehicle_name
-from missions.errors import SwarmscanError, UserError
+from missions.errors import UserError
 from missions.lattice import view_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission, find_mission, load_mission, without_scene
 from missions.pads import camera_bounds, takeoff_columns, takeoff_points
+from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
@@ -40,20 +40,9 @@ ABOVE_GROUND_M = 0.75
 
 def main(argv: list[str] | None = None) -> int:
     """Run the world until the mission is over. 2 for what the user can mend, 1 for what went wrong on the way."""
-    arguments = _arguments(argv)
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    try:
-        mission = load_mission(find_mission(arguments.mission))
-        serve(mission, RunFolder(arguments.run), arguments.listen, arguments.fleet, arguments.join_timeout_s)
-    except UserError as e:
-        log.error("%s", e)
-        return 2
-    except SwarmscanError as e:
-        log.error("%s", e)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    a = _arguments(argv)
+    return run_process(lambda: serve(load_mission(find_mission(a.mission)), RunFolder(a.run), a.listen, a.fleet,
+                                     a.join_timeout_s))
 
 
 def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_timeout_s: float) -> None:
@@ -77,8 +66,8 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
                 write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(),
                                        "pictures": world.pictures, "renderer": renderer.backend_name,
                                        "notes": scene.notes, "site": msgspec.to_builtins(site)})
-    folder.write_process_record("bridge", frames=world.pictures, ticks=world.ticks, render_s=round(world.render_s, 3),
-                                wall_s=round(time.perf_counter() - begin, 3))
+    folder.write_process_record(BRIDGE, messages_sent=bus.sent, frames=world.pictures, ticks=world.ticks,
+                                render_s=round(world.render_s, 3), wall_s=round(time.perf_counter() - begin, 3))
 
 
 @contextmanager
@@ -127,11 +116,8 @@ def _coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth) -> 
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="swarmscan sim-bridge", description=__doc__)
-    parser.add_argument("mission", help="mission file, or the name of one in missions/")
-    parser.add_argument("--run", type=Path, required=True, help="run folder; the truth is written into it")
+    parser = process_parser("sim-bridge", __doc__ or "")
     parser.add_argument("--listen", default=DEFAULT_ENDPOINT, help="where the bus listens (default %(default)s)")
-    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus (default %(default)s)")
     parser.add_argument("--join-timeout-s", type=float, default=300.0,
                         help="how long to wait for the other processes (default %(default)s)")
     return parser.parse_args(argv)

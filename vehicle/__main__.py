@@ -6,7 +6,6 @@ import argparse
 import logging
 import signal
 import sys
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -15,6 +14,7 @@ from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import SimClock, vehicle_name
 from missions.errors import LinkError, UserError
 from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder
 from missions.topics import Topic
 from vehicle.vehicle import Vehicle
@@ -27,28 +27,30 @@ log = logging.getLogger("vehicle")
 
 def main(argv: list[str] | None = None) -> int:
     """Fly until the clock says stop or the bridge is gone. Returns the exit code."""
-    args = _parser().parse_args(argv)
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    args = _parse(argv)
+    return run_process(lambda: _open(args))
+
+
+def _open(args: argparse.Namespace) -> None:
     signal.signal(signal.SIGTERM, _leave)
     signal.signal(signal.SIGINT, _leave)
     folder, name = RunFolder(args.run), vehicle_name(args.id)
+    mission = without_scene(load_mission(find_mission(args.mission)))
+    if not 1 <= args.id <= mission.fleet.vehicles:
+        raise UserError(f"--id {args.id}: this mission has vehicles 1 to {mission.fleet.vehicles}; give one.")
+    sent = 0
     try:
-        mission = without_scene(load_mission(find_mission(args.mission)))
-        if not 1 <= args.id <= mission.fleet.vehicles:
-            raise UserError(f"--id {args.id}: this mission has vehicles 1 to {mission.fleet.vehicles}; give one.")
-        try:
-            with Bus(name, args.fleet, connect=args.connect) as bus:
+        with Bus(name, args.fleet, connect=args.connect) as bus:
+            try:
                 _fly(bus, mission, args.id, folder)
-        finally:
-            folder.write_process_record(name)
-    except UserError as e:
-        log.error("%s", e)
-        return 2
+            finally:
+                sent = bus.sent
     except LinkError as e:
         log.warning("%s", e)
     except _Leave:
         log.info("%s: told to leave", name)
-    return 0
+    finally:
+        folder.write_process_record(name, messages_sent=sent)
 
 
 def _fly(bus: Bus, mission: Mission, vehicle_id: int, folder: RunFolder) -> None:
@@ -74,14 +76,11 @@ def _leave(number: int, frame: FrameType | None) -> None:
     raise _Leave
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="vehicle", description="One simulated drone.")
-    parser.add_argument("mission", help="mission file, or the name of one in missions/")
+def _parse(argv: list[str] | None) -> argparse.Namespace:
+    parser = process_parser("vehicle", "One simulated drone.")
     parser.add_argument("--id", type=int, required=True, help="1 to fleet.vehicles")
-    parser.add_argument("--run", type=Path, required=True, help="run folder")
-    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, help="where sim_bridge listens")
-    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus")
-    return parser
+    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, help="where sim_bridge listens (default %(default)s)")
+    return parser.parse_args(argv)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,38 @@
+"""How every process starts and ends: logging to stderr, errors that a person can act on, exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from missions.errors import SwarmscanError, UserError
+
+log = logging.getLogger(__name__)
+
+
+def run_process(body: Callable[[], int | None]) -> int:
+    """Run the body; returns its result or 0, 2 for what the user can mend, 1 for what went wrong on the way, 130 when
+    interrupted."""
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        return body() or 0
+    except UserError as e:
+        sys.stderr.write(f"{e}\n")
+        return 2
+    except SwarmscanError as e:
+        log.error("%s", e)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+def process_parser(prog: str, description: str) -> argparse.ArgumentParser:
+    """The arguments that every process of a mission has."""
+    parser = argparse.ArgumentParser(prog=f"swarmscan {prog}", description=description)
+    parser.add_argument("mission", help="mission file, or the name of one in missions/")
+    parser.add_argument("--run", type=Path, required=True, help="run folder")
+    parser.add_argument("--fleet", default="default", help="name of the fleet on the bus (default %(default)s)")
+    return parser
