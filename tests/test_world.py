@@ -225,11 +225,12 @@ def test_the_mission_may_overrule_the_scene_on_the_site(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "word"), [('title = "x"\nbogus = 1\n', "bogus"),
                                             ('title = "x"\n[scene]\nname = "cathedral"\n', "cathedral")])
-def test_bad_missions_end_with_code_two(tmp_path: Path, caplog: pytest.LogCaptureFixture, text: str, word: str) -> None:
+def test_bad_missions_end_with_code_two(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str,
+                                        word: str) -> None:
     path = tmp_path / "m.toml"
     path.write_text(text, encoding="utf-8")
     assert main([str(path), "--run", str(tmp_path / "run"), "--listen", free_endpoint()]) == 2
-    assert word in caplog.text
+    assert word in capsys.readouterr().err
 
 
 def bridge_process(mission: Mission, folder: Path, endpoint: str) -> subprocess.Popen[bytes]:
