@@ -175,10 +175,14 @@ def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path) -> None:
     assert complaints[0].startswith("uav1 ended with code -9")
     record = flight_of(run)
     assert json.loads(run.referee.read_text())["collisions"] == 0
-    assert set(record["outcomes"].values()) == {"flown"}
-    assert record["reassignments"]
     assert {(r["from"], r["to"]) for r in record["reassignments"]} == {(1, 2)}
-    handed_over = {r["view_id"] for r in record["reassignments"]}
+    # killed wherever the machine's speed has it, the dead vehicle may hover at the place of its own next view
+    kept_away = {int(v) for v, outcome in record["outcomes"].items() if outcome != "flown"}
+    told = [f"vehicle 2 did not fly view {v}: blocked (a teammate rests there)" for v in sorted(kept_away)]
+    assert [t for t in told if not any(note.endswith(t) for note in record["notes"])] == []
+    assert len(kept_away) <= 1
+    handed_over = {r["view_id"] for r in record["reassignments"]} - kept_away
+    assert handed_over
     assert handed_over <= set(record["tours"]["2"])
     with np.load(run.trajectories) as tracks:
         origin = dict(zip(tracks["uav2_view_ids"], tracks["uav2_origin_ids"], strict=True))
