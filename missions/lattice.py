@@ -7,7 +7,7 @@ import numpy as np
 from missions.frames import Array
 from missions.mission import ExploreSpec
 
-MOST_POSITIONS = 1500
+MOST_POSITIONS = 4000
 """Around a large object the step grows until there are no more: each position costs thousands of rays per decision."""
 STEP_GROWTH = 1.02
 
