@@ -17,7 +17,7 @@ from missions.grid import VoxelGrid
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from missions.pads import camera_bounds, geofence, hover_points, takeoff_columns
+from missions.pads import camera_bounds, geofence, hover_points, surface_box, takeoff_columns
 from perception.mapping.explorer_map import ExplorerMap
 from planning.nbv.gain import GainField, GainSpec, count_looks, gain_field
 from planning.nbv.lattice import build_lattice
@@ -37,6 +37,8 @@ CLIMB_PICTURES = 8
 picture looked through."""
 SWEEP_OFFSET_M = 1.5
 """How far beside its middle a vehicle may fly in its column."""
+LEAST_BASELINE_M = 1.5
+"""A vehicle that only turns where it hovers brings home one picture and no depth; it goes elsewhere when it can."""
 FALLBACK_TURN_RAD = math.radians(50.0)
 MAX_FALLBACKS = 6
 
@@ -189,7 +191,7 @@ class Explorer:
         self._taken[near] = True
 
     def _field(self) -> GainField:
-        box = np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m)
+        box = surface_box(self._mission, self._site)
         surface = self.map.surface()
         bounds = camera_bounds(self._mission, self._site)
         field = gain_field(self.grid, surface, *box, self._gain_spec, self._looks, bounds)
@@ -203,7 +205,11 @@ class Explorer:
     def _query(self, a: Asking, reach: Reach) -> VehicleQuery:
         positions = self._lattice.positions_enu_m
         home = DETOUR * np.linalg.norm(positions - self._hover[a.vehicle_id - 1], axis=1)
-        return VehicleQuery(a.vehicle_id, a.position_enu_m, reach.distance_to(positions), home, a.range_m)
+        way = reach.distance_to(positions)
+        away = np.linalg.norm(positions - a.position_enu_m, axis=1) > LEAST_BASELINE_M
+        if np.isfinite(way[away]).any():
+            way[~away] = np.inf
+        return VehicleQuery(a.vehicle_id, a.position_enu_m, way, home, a.range_m)
 
     def _leg(self, a: Asking, path: Array, goal: Pose) -> Leg:
         start = Pose((0.0, 0.0, 0.0), a.yaw_enu_rad, a.elevation_rad)

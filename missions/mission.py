@@ -68,7 +68,7 @@ class FleetSpec(_Section, frozen=True, kw_only=True):
     takeoff_enu_m: list[Point] = []
     """One point per vehicle; when empty, in a row beside the object, outside its box."""
     radius_m: Positive = 0.3
-    clearance_m: Positive = 1.2
+    clearance_m: Positive = 1.0
     """Least distance between the vehicle's centre and anything it knows to be solid."""
     separation_m: Positive = 3.0
     """Least distance between the centres of two vehicles."""
