@@ -20,7 +20,7 @@ from ground_station.report.page import page
 from ground_station.report.run_data import read_run, read_views
 from ground_station.report.splat import ramp, splat
 from missions.errors import UserError
-from missions.mission import CameraSpec, Mission, ReconstructSpec, SiteSpec, SurveySpec, write_mission
+from missions.mission import CameraSpec, Mission, ReconstructSpec, SiteSpec, SurveySpec, load_mission, write_mission
 from missions.run_folder import RunFolder, write_views
 from perception.reconstruct.cloud import Cloud, write_cloud
 from tests.reconstruct_scene import survey, wall_and_box
@@ -93,7 +93,7 @@ def test_metrics_have_every_number(done: RunFolder) -> None:
     assert m["fleet"]["path_m"] == {"1": 9.0, "2": 8.0}
     assert set(m["timing_s"]) == {"survey", "reconstruct", "evaluate", "report"}
     assert set(m["peak_memory_mib"]) == {"reconstruct", "evaluate", "report"}
-    assert (m["seed"], m["mission_hash"]) == (1, "cafe")
+    assert (m["seed"], m["mission_hash"]) == (1, load_mission(done.mission).mission_hash)
 
 
 def test_depth_maps_go_and_cloud_and_mesh_stay(done: RunFolder) -> None:

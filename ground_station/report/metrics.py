@@ -26,7 +26,7 @@ def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
         "timing_s": timing(data),
         "peak_memory_mib": {r["name"]: r.get("peak_memory_mib") for r in data.run.process_records()},
         "seed": data.mission.seed,
-        "mission_hash": data.flight.get("mission_hash") or data.mission.mission_hash,
+        "mission_hash": data.mission.mission_hash,
         "notes": [*(data.flight.get("notes") or []), *(f"scene: {n}" for n in data.referee.get("notes") or []),
                   *data.notes],
     }
