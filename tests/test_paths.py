@@ -158,19 +158,19 @@ def test_what_is_walled_off_is_not_reached() -> None:
     assert np.isinf(reachable(VoxelField.from_grid(grid_with(CLOSED)), np.array([10.0, 5, 6]), 1.2).distance_m).all()
 
 
-def test_many_goals_on_a_site_sized_grid_take_a_fifth_of_a_second() -> None:
+def test_many_goals_cost_hardly_more_than_few() -> None:
     state = np.full((160, 70, 60), FREE, np.uint8)
     state[60:100, 30:40, :40] = OCCUPIED
     field = VoxelField.from_grid(VoxelGrid(np.zeros(3), 0.5, state))
     goals = np.random.default_rng(1).uniform([2, 2, 2], [78, 33, 28], (500, 3))
 
-    def work_s() -> float:
+    def work_s(count: int) -> float:
         began = time.process_time()
-        reachable(field, np.array([40.0, 5.0, 5.0]), 1.7).distance_to(goals)
+        reachable(field, np.array([40.0, 5.0, 5.0]), 1.7).distance_to(goals[:count])
         return time.process_time() - began
 
-    work_s()
-    assert min(work_s() for _ in range(3)) < 0.2
+    work_s(1)
+    assert min(work_s(500) for _ in range(3)) < 5.0 * min(work_s(5) for _ in range(3))
 
 
 def test_mesh_field_measures_the_distance_to_a_box() -> None:
