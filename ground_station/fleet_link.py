@@ -16,7 +16,7 @@ from ground_station.plan_upload import PlanUpload
 from missions.clock import SECOND_NS
 from missions.frames import Site
 from missions.mavlink import AUTOPILOT_COMPONENT, GROUND_COMPONENT, GROUND_SYSTEM, Endpoint, Route
-from missions.messages import LegReport, PlanHash, PlanVerdict, VehicleState
+from missions.messages import PlanHash, PlanVerdict, VehicleState
 
 COMMAND_RESEND_S, COMMAND_DEADLINE_S = 1.0, 15.0
 HEARTBEAT_S = 1.0
@@ -48,11 +48,6 @@ def takeoff(altitude_m: float) -> Command:
 def start_mission() -> Command:
     """Fly the accepted plan from its first item."""
     return Command(mav.MAV_CMD_MISSION_START, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
-def pause() -> Command:
-    """Stop and hover."""
-    return Command(mav.MAV_CMD_DO_PAUSE_CONTINUE, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def return_to_launch() -> Command:
@@ -96,7 +91,6 @@ class VehicleLink:
         self.telemetry = Telemetry()
         self.route: Route | None = None
         self._last_seq = -1
-        self.leg_reports: list[LegReport] = []
         self.failure = ""
         self._endpoint = Endpoint(GROUND_SYSTEM, GROUND_COMPONENT)
         self._queue: deque[Command | PlanUpload] = deque()
@@ -151,15 +145,6 @@ class VehicleLink:
         """The vehicle's decision about a plan."""
         if self._queue and isinstance(self._queue[0], PlanUpload):
             self._queue[0].on_verdict(verdict)
-
-    def on_leg_report(self, report: LegReport) -> None:
-        """A view that will not be flown."""
-        self.leg_reports.append(report)
-
-    def take_leg_reports(self) -> list[LegReport]:
-        """Reports since the last call."""
-        reports, self.leg_reports = self.leg_reports, []
-        return reports
 
     def take_failure(self) -> str:
         """Why the queue was emptied, once."""
