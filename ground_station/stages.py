@@ -20,7 +20,8 @@ from ground_station.report.measure import measure
 from ground_station.report.metrics import assemble
 from ground_station.report.page import write_page
 from ground_station.report.run_data import RunData, read_run
-from missions.errors import SwarmscanError, UserError
+from missions.errors import UserError
+from missions.process import run_process
 from missions.run_folder import RunFolder
 from perception.reconstruct.cloud import write_cloud
 from perception.reconstruct.mesh import poisson_mesh, write_mesh
@@ -140,14 +141,13 @@ MAINS = {"reconstruct": main_reconstruct, "evaluate": main_evaluate, "report": m
 def main(argv: list[str] | None = None) -> int:
     """One stage in a process of its own: `python -m ground_station.stages STAGE RUN ...`. 2 means bad input."""
     arguments = sys.argv[1:] if argv is None else argv
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    try:
-        if not arguments or arguments[0] not in MAINS:
-            raise UserError(f"stage {arguments[0] if arguments else '(none)'}: use one of: {', '.join(MAINS)}.")
-        return MAINS[arguments[0]](arguments[1:])
-    except SwarmscanError as e:
-        log.error("%s", e)
-        return 2 if isinstance(e, UserError) else 1
+    return run_process(lambda: _stage(arguments))
+
+
+def _stage(arguments: list[str]) -> int:
+    if not arguments or arguments[0] not in MAINS:
+        raise UserError(f"stage {arguments[0] if arguments else '(none)'}: use one of: {', '.join(MAINS)}.")
+    return MAINS[arguments[0]](arguments[1:])
 
 
 def _options(name: str, argv: list[str]) -> argparse.Namespace:

@@ -176,9 +176,9 @@ def test_ground_is_left_out(done: RunFolder, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("arguments", "words"), [
     (["evaluate", "nowhere"], "no such run folder"), (["fly"], "use one of: reconstruct, evaluate, report")])
 def test_bad_calls_end_with_two_and_a_sentence(arguments: list[str], words: str,
-                                               caplog: pytest.LogCaptureFixture) -> None:
+                                               capsys: pytest.CaptureFixture[str]) -> None:
     assert stages.main(arguments) == 2
-    assert words in caplog.text
+    assert words in capsys.readouterr().err
 
 
 def test_bad_views_name_their_line(done: RunFolder, tmp_path: Path) -> None:
