@@ -18,7 +18,8 @@ from missions import topics
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import GROUND, SimClock
 from missions.frames import Site
-from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.mission import Mission, without_scene
+from missions.mission_file import find_mission, load_mission
 from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder
 

@@ -1,4 +1,4 @@
-"""`swarmscan`: one command, one table of subcommands.
+"""`swarmscan`: one command, a table of subcommands and one of benchmarks.
 
 Each entry names its module as a string, so that the command turns into that process without the others being imported.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from missions.process import run_process
@@ -31,28 +32,40 @@ COMMANDS = (
     Command("reconstruct", "ground_station.stages:main_reconstruct", "pictures of a run to cloud and mesh"),
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
-    Command("bench-render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
+    Command("bench", "ground_station.cli:bench", "measure one part: render, allocate, paths, deconflict, energy"),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
 )
 
+BENCHMARKS = (
+    Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
+)
 
-def usage() -> str:
+
+def usage(program: str, commands: Sequence[Command]) -> str:
     """The help text."""
-    width = max(len(c.name) for c in COMMANDS)
-    lines = [f"  {c.name:<{width}}  {c.purpose}" for c in COMMANDS]
-    return "\n".join(["usage: swarmscan COMMAND ...  (swarmscan COMMAND --help for more)", "", *lines, ""])
+    width = max(len(c.name) for c in commands)
+    lines = [f"  {c.name:<{width}}  {c.purpose}" for c in commands]
+    return "\n".join([f"usage: {program} COMMAND ...  ({program} COMMAND --help for more)", "", *lines, ""])
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run a subcommand; 2 for what the user can mend, 1 for what went wrong on the way."""
-    arguments = sys.argv[1:] if argv is None else argv
+    return _dispatch("swarmscan", COMMANDS, sys.argv[1:] if argv is None else argv)
+
+
+def bench(argv: list[str]) -> int:
+    """Run a benchmark, likewise."""
+    return _dispatch("swarmscan bench", BENCHMARKS, argv)
+
+
+def _dispatch(program: str, commands: Sequence[Command], arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
-        (sys.stdout if arguments else sys.stderr).write(usage())
+        (sys.stdout if arguments else sys.stderr).write(usage(program, commands))
         return 0 if arguments else 2
-    command = next((c for c in COMMANDS if c.name == arguments[0]), None)
+    command = next((c for c in commands if c.name == arguments[0]), None)
     if command is None:
-        names = ", ".join(c.name for c in COMMANDS)
-        sys.stderr.write(f"swarmscan: unknown command {arguments[0]}; use one of: {names}.\n")
+        names = ", ".join(c.name for c in commands)
+        sys.stderr.write(f"{program}: unknown command {arguments[0]}; use one of: {names}.\n")
         return 2
     module, function = command.target.split(":")
     return run_process(lambda: int(getattr(importlib.import_module(module), function)(arguments[1:])))

@@ -19,7 +19,8 @@ from typing import IO
 import msgspec
 
 from missions.errors import UserError
-from missions.mission import Mission, find_mission, load_mission, write_mission
+from missions.mission import Mission
+from missions.mission_file import find_mission, load_mission, write_mission
 from missions.run_folder import RunFolder
 
 log = logging.getLogger(__name__)

@@ -44,7 +44,7 @@ class Survey:
     def __init__(self, views: list[View], spec: SurveySpec) -> None:
         self.ledger = ViewLedger(views)
         self._spec = spec
-        self._cost = LegCost(spec.allocation, spec.alpha, spec.beta)
+        self._cost = LegCost(spec.cost, spec.alpha, spec.beta)
         self._ids = [v.view_id for v in views]
         self._positions = np.array([v.pose.position_enu_m for v in views]).reshape(-1, 3)
         self._between_m = DETOUR * LegCost().between(self._positions, self._positions)

@@ -15,7 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from missions import mission as spec
-from missions.mission import MISSIONS_FOLDER, Mission, find_mission, load_mission
+from missions.mission import Mission
+from missions.mission_file import MISSIONS_FOLDER, find_mission, load_mission
 
 
 def fields() -> list[dict[str, str]]:

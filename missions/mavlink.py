@@ -2,7 +2,8 @@
 
 NED, degrees, degE7 and millimetres exist only here and in the endpoints that fill telemetry messages. A waypoint
 with a picture becomes four items, as recommended for free viewpoints:
-NAV_WAYPOINT, DO_GIMBAL_MANAGER_PITCHYAW, NAV_DELAY (only when the vehicle is to stop), IMAGE_START_CAPTURE.
+NAV_WAYPOINT, DO_GIMBAL_MANAGER_PITCHYAW, NAV_DELAY (only when the vehicle is to stop) or DO_CHANGE_SPEED (only when it
+is to pass slowly), IMAGE_START_CAPTURE.
 """
 
 from __future__ import annotations
@@ -21,14 +22,17 @@ from missions.frames import Site, heading_deg_from_yaw_enu, yaw_enu_from_heading
 
 GROUND_SYSTEM, GROUND_COMPONENT = 255, mav.MAV_COMP_ID_MISSIONPLANNER
 AUTOPILOT_COMPONENT = mav.MAV_COMP_ID_AUTOPILOT1
-PASS_RADIUS_M = 0.5
+LEAST_PASS_M = 0.01
+"""Acceptance radius of a waypoint that is passed exactly; 0 means stop."""
 CAMERA_MODES = {"explore": mav.CAMERA_MODE_IMAGE, "survey": mav.CAMERA_MODE_IMAGE_SURVEY}
 _PHASES = {mode: phase for phase, mode in CAMERA_MODES.items()}
+GROUND_SPEED = float(mav.SPEED_TYPE_GROUNDSPEED)
 NAN = float("nan")
 
 
 class Waypoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One point of a route. With a view_id a picture is taken there; with stop the vehicle comes to rest first."""
+    """One point of a route. With a view_id a picture is taken there; with stop the vehicle comes to rest first, else
+    it may cut the corner by pass_m and passes at speed_m_s or slower (0: as fast as it likes)."""
 
     position_enu_m: tuple[float, float, float]
     yaw_enu_rad: float
@@ -36,6 +40,8 @@ class Waypoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     view_id: int | None = None
     stop: bool = True
     settle_s: float = 0.0
+    pass_m: float = 0.0
+    speed_m_s: float = 0.0
 
 
 class Route(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -63,7 +69,7 @@ def items_from_route(route: Route, site: Site) -> list[Item]:
     items = [_action(mav.MAV_CMD_SET_CAMERA_MODE, (0.0, float(CAMERA_MODES[route.phase]), NAN, NAN))]
     for w in route.waypoints:
         lat, lon, alt = site.geodetic_from_enu(_array(w.position_enu_m))
-        radius = 0.0 if w.stop else PASS_RADIUS_M
+        radius = 0.0 if w.stop else _single(max(w.pass_m, LEAST_PASS_M))
         heading = _single(heading_deg_from_yaw_enu(w.yaw_enu_rad))
         items.append(Item(mav.MAV_FRAME_GLOBAL_INT, mav.MAV_CMD_NAV_WAYPOINT, (0.0, radius, 0.0, heading),
                           round(lat * 1e7), round(lon * 1e7), _single(alt)))
@@ -72,6 +78,8 @@ def items_from_route(route: Route, site: Site) -> list[Item]:
             items.append(_action(mav.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch, 0.0, NAN, NAN)))
         if w.stop and w.settle_s > 0:
             items.append(_action(mav.MAV_CMD_NAV_DELAY, (_single(w.settle_s), -1.0, -1.0, -1.0)))
+        elif not w.stop and w.speed_m_s > 0:
+            items.append(_action(mav.MAV_CMD_DO_CHANGE_SPEED, (GROUND_SPEED, _single(w.speed_m_s), -1.0, 0.0)))
         if w.view_id is not None:
             items.append(_action(mav.MAV_CMD_IMAGE_START_CAPTURE, (0.0, 0.0, 1.0, float(w.view_id))))
     if route.home_after:
@@ -97,6 +105,8 @@ def route_from_items(items: list[Item], site: Site, plan_id: int) -> Route:
             points[-1]["gimbal_elevation_rad"] = math.radians(p[0])
         elif item.command == mav.MAV_CMD_NAV_DELAY:
             points[-1]["settle_s"] = p[0]
+        elif item.command == mav.MAV_CMD_DO_CHANGE_SPEED and p[0] == GROUND_SPEED:
+            points[-1]["speed_m_s"] = p[1]
         elif item.command == mav.MAV_CMD_IMAGE_START_CAPTURE:
             points[-1]["view_id"] = int(p[3])
         else:
@@ -155,7 +165,8 @@ def _waypoint_fields(seq: int, item: Item, site: Site) -> dict[str, Any]:
         raise ProtocolError(f"item {seq}: altitude and heading must be numbers")
     position = site.enu_from_geodetic(item.x / 1e7, item.y / 1e7, item.z)
     return {"position_enu_m": (float(position[0]), float(position[1]), float(position[2])),
-            "yaw_enu_rad": yaw_enu_from_heading_deg(item.params[3]), "stop": item.params[1] == 0.0}
+            "yaw_enu_rad": yaw_enu_from_heading_deg(item.params[3]), "stop": item.params[1] == 0.0,
+            "pass_m": item.params[1] if item.params[1] > LEAST_PASS_M else 0.0}
 
 
 def _action(command: int, params: tuple[float, float, float, float]) -> Item:

@@ -1,29 +1,19 @@
-"""The mission file: one typed tree, loaded from TOML, overridden by dotted names, written into the run folder.
-
-Every field has its unit in its name. Unknown keys are refused. Every error names the file, the key and the remedy.
-"""
+"""What a mission is: one typed tree. Every field has its unit in its name; `mission_file` reads and writes it."""
 
 from __future__ import annotations
 
 import hashlib
-import re
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
-import tomli_w
 from msgspec import Meta
 
 from missions.camera import Camera
-from missions.errors import UserError
 
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Percent = Annotated[float, Meta(ge=0, le=100)]
 Point = tuple[float, float, float]
-
-MISSIONS_FOLDER = Path(__file__).resolve().parent
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -70,7 +60,7 @@ class FleetSpec(_Section, frozen=True, kw_only=True):
     radius_m: Positive = 0.3
     clearance_m: Positive = 1.0
     """Least distance between the vehicle's centre and anything it knows to be solid."""
-    separation_m: Positive = 3.0
+    separation_m: Positive = 2.5
     """Least distance between the centres of two vehicles."""
     speed_m_s: Positive = 3.0
     acceleration_m_s2: Positive = 2.0
@@ -81,12 +71,18 @@ class FleetSpec(_Section, frozen=True, kw_only=True):
 
 
 class BatterySpec(_Section, frozen=True, kw_only=True):
-    """Battery by Algorithm 1 of the thesis: percent per metre flown; further terms are off by default."""
+    """What flying takes out of a battery, and what must stay in it."""
 
+    model: Literal["power", "distance"] = "power"
+    """The multirotor power model over the flown trajectory, or Algorithm 1 of the thesis: percent per metre."""
     percent_per_m: NonNegative = 0.055
-    """A small camera drone (34 min rated flight, DJI Mini 4 Pro) at 1 m/s mean inspection speed with 10 % lost to wind
-    and stops flies about 1.8 km: 100 % / 1836 m."""
-    hover_percent_per_s: NonNegative = 0.0
+    """For "distance". A small camera drone (34 min rated flight, DJI Mini 4 Pro) at 1 m/s mean inspection speed with
+    10 % lost to wind and stops flies about 1.8 km: 100 % / 1836 m."""
+    reserve_percent: Percent = 5.0
+    """What must be left after the last landing."""
+    swaps: Annotated[int, Meta(ge=0)] = 0
+    """Fresh batteries per vehicle at its pad: as many further sorties."""
+    swap_s: NonNegative = 120.0
     start_percent: list[Percent] = []
     """Charge of the first vehicles at the start; those beyond the list start full."""
     threshold_percent: Percent = 20.0
@@ -95,6 +91,13 @@ class BatterySpec(_Section, frozen=True, kw_only=True):
     def start_of(self, vehicle_id: int) -> float:
         """Charge of a vehicle (counted from 1) at the start, percent."""
         return self.start_percent[vehicle_id - 1] if vehicle_id <= len(self.start_percent) else 100.0
+
+
+class WindSpec(_Section, frozen=True, kw_only=True):
+    """The steady wind that flights are reckoned with. It costs energy; simulated vehicles hold their course in it."""
+
+    velocity_enu_m_s: Point = (0.0, 0.0, 0.0)
+    """Where the air moves to."""
 
 
 class CameraSpec(_Section, frozen=True, kw_only=True):
@@ -107,6 +110,9 @@ class CameraSpec(_Section, frozen=True, kw_only=True):
     principal_point_px: tuple[float, float] | None = None
     explore_px: tuple[int, int] = (456, 256)
     survey_px: tuple[int, int] = (1920, 1080)
+    exposure_s: Positive = 0.001
+    max_blur_px: Positive = 0.5
+    """Motion blur of a survey picture that is taken in passing, at most: speed at the shutter is limited so."""
     jpeg_quality: Annotated[int, Meta(ge=50, le=100)] = 95
     noise_dn: NonNegative = 1.0
     """Standard deviation of simulated sensor noise, in 8-bit steps."""
@@ -155,11 +161,21 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     distance_m: Positive = 8.0
     """Preferred distance to the surface; views may stand 0.35 to 1.7 times as far."""
     pictures_per_patch: Annotated[int, Meta(ge=1)] = 3
-    allocation: Literal["distance", "distance_elevation"] = "distance"
-    """Cost of a leg in the tours: 3-D length, or alpha * horizontal + beta * vertical (thesis Eq. 4.4)."""
+    gsd_m: Positive = 0.01
+    """Ground sampling distance that is asked for. The camera moves at most this far over the surface in an exposure."""
+    method: Literal["swarmscan", "thesis"] = "swarmscan"
+    """Who flies which views in which order: shortest time until the last vehicle is done over flown legs, or the
+    thesis's Ward clusters, networkx tours and reassignment."""
+    cost: Literal["distance", "distance_elevation"] = "distance"
+    """Cost of a leg for "thesis": 3-D length, or alpha * horizontal + beta * vertical (thesis Eq. 4.4)."""
     alpha: NonNegative = 1.0
     beta: NonNegative = 0.5
+    stop_at_views: bool = False
+    """Come to rest for every picture instead of taking it in passing."""
+    pass_m: NonNegative = 0.25
+    """How far beside a view the vehicle may pass, so that it need not stop at corners."""
     settle_s: NonNegative = 0.5
+    """Rest before a picture where the vehicle stops for it."""
 
 
 class ReconstructSpec(_Section, frozen=True, kw_only=True):
@@ -215,6 +231,7 @@ class Mission(_Section, frozen=True, kw_only=True):
     site: SiteSpec = SiteSpec()
     fleet: FleetSpec = FleetSpec()
     battery: BatterySpec = BatterySpec()
+    wind: WindSpec = WindSpec()
     camera: CameraSpec = CameraSpec()
     explore: ExploreSpec = ExploreSpec()
     survey: SurveySpec = SurveySpec()
@@ -229,99 +246,6 @@ class Mission(_Section, frozen=True, kw_only=True):
         return hashlib.sha256(msgspec.json.encode(self)).hexdigest()[:16]
 
 
-def find_mission(name_or_path: str) -> Path:
-    """The mission file meant by a path or by the bare name of one in missions/."""
-    for candidate in (Path(name_or_path), MISSIONS_FOLDER / name_or_path, MISSIONS_FOLDER / f"{name_or_path}.toml"):
-        if candidate.is_file():
-            return candidate
-    known = ", ".join(sorted(p.stem for p in MISSIONS_FOLDER.glob("*.toml")))
-    raise UserError(f"{name_or_path}: no such mission file; give a path or one of: {known}.")
-
-
-def load_mission(path: Path, overrides: dict[str, str] | None = None) -> Mission:
-    """Read, override and check a mission file.
-
-    overrides: dotted field name to TOML value text, e.g. {"fleet.vehicles": "3"}.
-    Raises UserError naming file, key and remedy.
-    """
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as e:
-        raise UserError(f"{path}: not valid TOML ({e}); mend that line.") from e
-    except (OSError, UnicodeDecodeError) as e:
-        raise UserError(f"{path}: cannot be read ({e}); give a readable UTF-8 file.") from e
-    for key, text in (overrides or {}).items():
-        _override(tree, key, text)
-    try:
-        mission = msgspec.convert(tree, Mission)
-    except msgspec.ValidationError as e:
-        raise UserError(_explain(path, str(e))) from e
-    check(mission, str(path))
-    return mission
-
-
-def check(mission: Mission, where: str) -> None:
-    """Rules that hold between fields. Raises UserError."""
-    n = mission.fleet.vehicles
-    pads = mission.fleet.takeoff_enu_m
-    if pads and len(pads) != n:
-        raise UserError(f"{where}: fleet.takeoff_enu_m has {len(pads)} entries for {n} vehicles; give {n} or leave it "
-                        "out.")
-    lo, hi = mission.site.object_min_enu_m, mission.site.object_max_enu_m
-    if (lo is None) != (hi is None):
-        raise UserError(f"{where}: site.object_min_enu_m and site.object_max_enu_m belong together; give both or none.")
-    if lo is not None and hi is not None and any(b - a <= 0 for a, b in zip(lo, hi, strict=True)):
-        raise UserError(f"{where}: site.object_max_enu_m must exceed object_min_enu_m on every axis; swap or widen it.")
-    if mission.fleet.clearance_m <= mission.fleet.radius_m:
-        raise UserError(f"{where}: fleet.clearance_m must exceed fleet.radius_m; raise the clearance.")
-    if mission.survey.views == "file" and not mission.survey.views_path:
-        raise UserError(f"{where}: survey.views = \"file\" needs survey.views_path; name the views file.")
-
-
-def write_mission(mission: Mission, path: Path) -> None:
-    """Write the merged mission as TOML."""
-    tree = _without_none(msgspec.to_builtins(mission))
-    path.write_text(tomli_w.dumps(tree), encoding="utf-8")
-
-
 def without_scene(mission: Mission) -> Mission:
     """The mission as the ground station and the vehicles get it: nothing of the true world in it."""
     return msgspec.structs.replace(mission, scene=SceneSpec(name="", path=""), obstacles=[])
-
-
-def _override(tree: dict[str, Any], key: str, text: str) -> None:
-    try:
-        value = tomllib.loads(f"v = {text}")["v"]
-    except tomllib.TOMLDecodeError:
-        value = text
-    *parents, leaf = key.split(".")
-    node = tree
-    for name in parents:
-        child = node.setdefault(name, {})
-        if not isinstance(child, dict):
-            raise UserError(f"--set {key}: {name} is a value, not a section; check the dotted name.")
-        node = child
-    node[leaf] = value
-
-
-def _explain(path: Path, error: str) -> str:
-    where = re.search(r"at `\$\.?([^`]*)`", error)
-    what = re.sub(r" - at `[^`]*`", "", error)
-    unknown = re.search(r"unknown field `([^`]+)`", error)
-    section = where.group(1) if where else ""
-    if unknown:
-        key = f"{section}.{unknown.group(1)}" if section else unknown.group(1)
-        return f"{path}: unknown key {key}; remove it or see 'swarmscan missions --fields' for the names."
-    missing = re.search(r"missing required field `([^`]+)`", error)
-    if missing:
-        key = f"{section}.{missing.group(1)}" if section else missing.group(1)
-        return f"{path}: key {key} is missing; add it."
-    return f"{path}: key {section or '(top level)'}: {what[0].lower()}{what[1:]}; correct the value."
-
-
-def _without_none(tree: Any) -> Any:
-    if isinstance(tree, dict):
-        return {k: _without_none(v) for k, v in tree.items() if v is not None}
-    if isinstance(tree, list | tuple):
-        return [_without_none(v) for v in tree]
-    return tree

@@ -18,7 +18,8 @@ from missions.clock import BRIDGE, GROUND, vehicle_name
 from missions.errors import UserError
 from missions.lattice import view_positions
 from missions.messages import SiteBrief
-from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.mission import Mission, without_scene
+from missions.mission_file import find_mission, load_mission
 from missions.pads import camera_bounds, takeoff_columns, takeoff_points
 from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder

@@ -22,7 +22,8 @@ from missions.camera import Pose
 from missions.errors import UserError
 from missions.grid import FREE, UNKNOWN, VoxelGrid
 from missions.messages import SiteBrief, VehicleState
-from missions.mission import ExploreSpec, Mission, load_mission
+from missions.mission import ExploreSpec, Mission
+from missions.mission_file import load_mission
 from missions.pads import geofence, hover_points
 from missions.run_folder import RunFolder
 

@@ -22,7 +22,7 @@ from ground_station import launcher
 from missions import topics
 from missions.bus import Bus
 from missions.messages import Status
-from missions.mission import load_mission
+from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
 
 HERE = Path(__file__).parent

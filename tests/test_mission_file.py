@@ -8,14 +8,8 @@ import pytest
 from ground_station import cli
 from missions.commands import fields
 from missions.errors import UserError
-from missions.mission import (
-    MISSIONS_FOLDER,
-    Mission,
-    find_mission,
-    load_mission,
-    without_scene,
-    write_mission,
-)
+from missions.mission import Mission, without_scene
+from missions.mission_file import MISSIONS_FOLDER, find_mission, load_mission, write_mission
 
 
 def mission_text(tmp_path: Path, text: str) -> Path:

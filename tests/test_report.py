@@ -20,7 +20,8 @@ from ground_station.report.page import page
 from ground_station.report.run_data import read_run, read_views
 from ground_station.report.splat import ramp, splat
 from missions.errors import UserError
-from missions.mission import CameraSpec, Mission, ReconstructSpec, SiteSpec, SurveySpec, load_mission, write_mission
+from missions.mission import CameraSpec, Mission, ReconstructSpec, SiteSpec, SurveySpec
+from missions.mission_file import load_mission, write_mission
 from missions.run_folder import RunFolder, write_views
 from perception.reconstruct.cloud import Cloud, write_cloud
 from tests.reconstruct_scene import survey, wall_and_box

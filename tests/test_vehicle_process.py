@@ -13,7 +13,8 @@ import pytest
 from missions import topics
 from missions.bus import Bus
 from missions.messages import Tick, VehicleState
-from missions.mission import find_mission, load_mission, without_scene
+from missions.mission import without_scene
+from missions.mission_file import find_mission, load_mission
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from tests.loopback import free_endpoint

@@ -25,7 +25,8 @@ from missions.bus import Bus
 from missions.camera import Camera, Pose
 from missions.clock import BRIDGE, SECOND_NS, SimClock, Turn
 from missions.messages import RangeScan, SensorPicture, ShutterRequest, SiteBrief, VehicleState
-from missions.mission import FleetSpec, Mission, ObstacleSpec, SceneSpec, SiteSpec, without_scene, write_mission
+from missions.mission import FleetSpec, Mission, ObstacleSpec, SceneSpec, SiteSpec, without_scene
+from missions.mission_file import write_mission
 from missions.sensors import RANGE_DIRECTIONS
 from sim_bridge.__main__ import main, site_brief
 from sim_bridge.clock_server import ClockServer

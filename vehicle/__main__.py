@@ -13,7 +13,8 @@ from missions import topics
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import SimClock, vehicle_name
 from missions.errors import LinkError, UserError
-from missions.mission import Mission, find_mission, load_mission, without_scene
+from missions.mission import Mission, without_scene
+from missions.mission_file import find_mission, load_mission
 from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder
 from missions.topics import Topic

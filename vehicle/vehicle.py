@@ -67,7 +67,7 @@ class Vehicle:
         self.fence = geofence(mission, site)
         self.site = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
         battery = mission.battery
-        self.battery = Battery(battery.start_of(vehicle_id), battery.percent_per_m, battery.hover_percent_per_s)
+        self.battery = Battery(battery.start_of(vehicle_id), battery.percent_per_m)
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)
         self.memory = SensorMemory(*self.fence, mission.explore.voxel_m, fleet.range_sensor_m,
                                    takeoff_columns(mission, site))

@@ -13,7 +13,8 @@ import numpy as np
 
 from missions.errors import UserError
 from missions.frames import Array, matrix_from_quaternion
-from missions.mission import Mission, load_mission
+from missions.mission import Mission
+from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
 from perception.reconstruct.pictures import SurveyPicture
 from perception.reconstruct.pipeline import Region

@@ -1,4 +1,4 @@
-"""`swarmscan bench-render`: seconds per picture, JPEG included, beside the thesis's Table 5.2."""
+"""`swarmscan bench render`: seconds per picture, JPEG included, beside the thesis's Table 5.2."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Row:
 
 def main(argv: Sequence[str]) -> int:
     """Run the benchmark; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="swarmscan bench-render", description=__doc__)
+    parser = argparse.ArgumentParser(prog="swarmscan bench render", description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=["bridge", "building", "powerline"], help="built-in structures")
     parser.add_argument("--frames", type=int, default=8, help="pictures per scene and size")
     parser.add_argument("--backend", choices=["auto", "egl", "raycast"], default="auto")
