@@ -18,7 +18,7 @@ from missions.mavlink import Waypoint
 from missions.mission import SurveySpec
 from planning.allocate.assign import allocate
 from planning.allocate.cost import LegCost
-from planning.allocate.reassign import Receiver, reassign
+from planning.allocate.thesis_reassign import Receiver, reassign
 
 log = logging.getLogger(__name__)
 

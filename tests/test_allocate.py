@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planning.allocate.assign import allocate
 from planning.allocate.battery import affordable_views, predict, range_m, threshold_index
 from planning.allocate.cost import LegCost
-from planning.allocate.reassign import Receiver, ownership, reassign, tour_length_m
+from planning.allocate.thesis_reassign import Receiver, ownership, reassign, tour_length_m
 from planning.allocate.tours import closed_tour, open_tour
 from planning.allocate.ward import clusters_to_vehicles, ward_clusters
 
