@@ -1,0 +1,1 @@
+"""Benchmarks of `swarmscan bench`: each measures one part of the installed package on given files."""
