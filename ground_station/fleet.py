@@ -141,11 +141,12 @@ class Fleet:
         self._plan_id += 1
         drone.stage, drone.goal, drone.refused, drone.idle_since_ns = Stage.FLYING, waypoints[-1], "", -1
         drone.awaited = [w.view_id for w in waypoints if w.view_id is not None]
+        self._recorder.plan_begins(drone.vehicle_id, phase, len(drone.awaited), self.t_ns)
         drone.link.fly(Route(plan_id=self._plan_id, phase=phase, waypoints=waypoints))
 
     def home(self, drone: Drone) -> None:
         """Send a vehicle home to land."""
-        drone.stage, drone.goal = Stage.HOMING, None
+        self._leave_plan(drone, Stage.HOMING)
         drone.link.cancel()
         drone.link.command(return_to_launch())
 
@@ -194,14 +195,19 @@ class Fleet:
         if drone.stage is Stage.LAUNCHING and not drone.link.busy and self._hovers(drone):
             drone.stage = Stage.READY
         elif drone.stage is Stage.FLYING and self._plan_over(drone):
-            drone.stage, drone.goal = Stage.READY, None
+            self._leave_plan(drone, Stage.READY, flown=True)
         elif drone.stage is Stage.HOMING and not drone.link.busy and not state.flying:
             drone.stage = Stage.PARKED
         if drone.stage in (Stage.READY, Stage.FLYING, Stage.LAUNCHING) and drone.link.returning:
-            drone.stage, drone.goal, drone.spent = Stage.HOMING, None, True
+            self._leave_plan(drone, Stage.HOMING)
+            drone.spent = True
             drone.link.cancel()
             self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id} returns by itself at "
                                            f"{drone.battery_percent:.1f} %")
+
+    def _leave_plan(self, drone: Drone, stage: Stage, flown: bool = False) -> None:
+        drone.stage, drone.goal = stage, None
+        self._recorder.plan_ends(drone.vehicle_id, self.t_ns, flown)
 
     def _hovers(self, drone: Drone) -> bool:
         return (drone.airborne and drone.standing
@@ -224,7 +230,8 @@ class Fleet:
         self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id}: {reason}")
         log.warning("vehicle %d: %s", drone.vehicle_id, reason)
         if drone.stage is Stage.FLYING:
-            drone.stage, drone.refused, drone.goal = Stage.READY, reason, None
+            self._leave_plan(drone, Stage.READY)
+            drone.refused = reason
             drone.awaited.clear()
         elif drone.stage is Stage.LAUNCHING:
             drone.launches_failed += 1
@@ -234,7 +241,7 @@ class Fleet:
             drone.link.command(return_to_launch())
 
     def _lose(self, drone: Drone) -> None:
-        drone.stage, drone.goal = Stage.LOST, None
+        self._leave_plan(drone, Stage.LOST)
         drone.awaited.clear()
         drone.link.cancel()
         self._ingest.forget(drone.vehicle_id)

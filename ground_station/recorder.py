@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import time
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from missions.clock import SECOND_NS
 from missions.frames import Array
@@ -28,6 +30,7 @@ class Track:
     position: list[tuple[float, float, float]] = field(default_factory=list)
     velocity: list[tuple[float, float, float]] = field(default_factory=list)
     battery: list[float] = field(default_factory=list)
+    mode: list[str] = field(default_factory=list)
     view_ids: list[int] = field(default_factory=list)
     origin_ids: list[int] = field(default_factory=list)
 
@@ -38,20 +41,28 @@ class Track:
             self.position.append(state.position_enu_m)
             self.velocity.append(state.velocity_enu_m_s)
             self.battery.append(state.battery_percent)
+            self.mode.append(state.mode)
 
-    def sampled(self) -> tuple[Array, Array, Array, Array]:
-        """(t_s (n,), position_enu_m (n, 3), velocity_enu_m_s (n, 3), battery_percent (n,)) at exactly 10 Hz."""
+    def sampled(self) -> dict[str, NDArray[Any]]:
+        """At exactly 10 Hz: t_s (n,), position_enu_m (n, 3), velocity_enu_m_s (n, 3), battery_percent (n,), and mode
+        (n,), what the vehicle said last that it was doing."""
         step = SECOND_NS // RATE_HZ
-        if not self.t_ns:
-            return np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-        grid = np.arange(-(-self.t_ns[0] // step), self.t_ns[-1] // step + 1) * step
-        known = np.array(self.t_ns)
+        known = np.array(self.t_ns, dtype=np.int64)
+        grid = np.arange(-(-known[0] // step), known[-1] // step + 1) * step if len(known) else known
 
         def at(values: Array) -> Array:
-            return np.stack([np.interp(grid, known, column) for column in values.T], axis=-1)
+            return np.array([np.interp(grid, known, column) for column in values.T]).T.reshape(-1, 3)
 
-        return (grid / SECOND_NS, at(np.array(self.position)), at(np.array(self.velocity)),
-                np.interp(grid, known, np.array(self.battery)))
+        newest = np.searchsorted(known, grid, side="right") - 1
+        return {"t_s": grid / SECOND_NS, "position_enu_m": at(np.array(self.position)),
+                "velocity_enu_m_s": at(np.array(self.velocity)),
+                "battery_percent": np.interp(grid, known, np.array(self.battery)) if len(known) else np.zeros(0),
+                "mode": np.array(self.mode, dtype=np.str_)[newest]}
+
+    def level_at(self, t_ns: int) -> float:
+        """Battery, percent, as last told at a time; 100 before anything was told."""
+        i = bisect_right(self.t_ns, t_ns) - 1
+        return self.battery[i] if i >= 0 else 100.0
 
     def path_m(self) -> float:
         """Length of the flown path."""
@@ -70,9 +81,10 @@ class Recorder:
         self.notes: list[str] = []
         self.outcomes: dict[str, str] = {}
         self.reassignments: list[dict[str, Any]] = []
-        self.planned: dict[str, Any] = {}
+        self.plans: list[dict[str, Any]] = []
         self._wall: dict[str, float] = {}
         self._ended: set[str] = set()
+        self._plans: dict[int, dict[str, Any]] = {}
 
     def begin(self, phase: str, t_ns: int) -> None:
         """A phase starts."""
@@ -94,10 +106,23 @@ class Recorder:
         track = self.tracks[meta.vehicle_id]
         track.view_ids.append(meta.view_id)
         track.origin_ids.append(origin)
-        i = int(np.searchsorted(np.array(track.t_ns), meta.t_capture_ns, side="right")) - 1
         self.battery_at_view.append({"view_id": meta.view_id, "vehicle_id": meta.vehicle_id,
                                      "t_s": meta.t_capture_ns / SECOND_NS,
-                                     "battery_percent": track.battery[i] if i >= 0 else 100.0})
+                                     "battery_percent": track.level_at(meta.t_capture_ns)})
+
+    def plan_begins(self, vehicle_id: int, phase: str, views: int, t_ns: int,
+                    predicted_percent: float | None = None) -> None:
+        """A plan is sent to a hovering vehicle. predicted_percent: what flying it should take out of the battery."""
+        self._plans[vehicle_id] = {"vehicle_id": vehicle_id, "phase": phase, "views": views,
+                                   "start_s": t_ns / SECOND_NS, "predicted_percent": predicted_percent,
+                                   "start_percent": self.tracks[vehicle_id].level_at(t_ns)}
+
+    def plan_ends(self, vehicle_id: int, t_ns: int, flown: bool) -> None:
+        """The plan sent last is over; flown: to its end, not broken off."""
+        plan = self._plans.pop(vehicle_id, None)
+        if plan is not None:
+            self.plans.append({**plan, "end_s": t_ns / SECOND_NS, "flown": flown,
+                               "end_percent": self.tracks[vehicle_id].level_at(t_ns)})
 
     def write_map(self, grid: VoxelGrid, surface: SurfaceVoxels) -> None:
         """Write map.npz, what the survey was planned on."""
@@ -111,8 +136,7 @@ class Recorder:
             self.end(phase, t_ns)
         arrays: dict[str, Any] = {}
         for k, track in self.tracks.items():
-            names = ("t_s", "position_enu_m", "velocity_enu_m_s", "battery_percent")
-            arrays |= {f"uav{k}_{name}": values for name, values in zip(names, track.sampled(), strict=True)}
+            arrays |= {f"uav{k}_{name}": values for name, values in track.sampled().items()}
             arrays[f"uav{k}_view_ids"] = np.array(track.view_ids, dtype=np.int64)
             arrays[f"uav{k}_origin_ids"] = np.array(track.origin_ids, dtype=np.int64)
         np.savez_compressed(self._run.trajectories, **arrays)
@@ -131,7 +155,7 @@ class Recorder:
                 "views_unreachable": values.count("unreachable"),
             },
             "tours": {str(k): track.view_ids for k, track in self.tracks.items()},
-            "reassignments": self.reassignments, "outcomes": self.outcomes,
+            "reassignments": self.reassignments, "outcomes": self.outcomes, "plans": self.plans,
             "battery_at_view": self.battery_at_view, "predicted_coverage": self.predicted_coverage,
             "notes": self.notes,
         }

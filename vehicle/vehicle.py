@@ -214,7 +214,7 @@ class Vehicle:
         if not self.executor.flying and t_ns - self._state_ns < IDLE_STATE_NS:
             return
         self._state_ns = t_ns
-        mode = "wait" if self.pilot.waiting else self.executor.mode
+        mode = "wait" if self.pilot.waiting else "hold" if self.executor.idle else self.executor.mode
         self._send(topics.VEHICLE_STATE, VehicleState(
             vehicle_id=self.id, t_ns=t_ns, position_enu_m=vector(now.state.position),
             velocity_enu_m_s=vector(now.state.velocity), acceleration_enu_m_s2=vector(now.state.acceleration),
