@@ -16,7 +16,7 @@ from missions.camera import View
 from missions.frames import Array
 from missions.mavlink import Waypoint
 from missions.mission import SurveySpec
-from planning.allocate.assign import allocate
+from planning.allocate.thesis import allocate
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis_reassign import Receiver, reassign
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from planning.allocate.assign import allocate
+from planning.allocate.thesis import allocate
 from planning.allocate.battery import affordable_views, predict, range_m, threshold_index
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis_reassign import Receiver, ownership, reassign, tour_length_m

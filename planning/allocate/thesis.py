@@ -1,4 +1,4 @@
-"""Allocation as in the thesis: a Ward cluster per vehicle, a networkx tour per cluster."""
+"""Allocation as in the thesis (section 4.4): a Ward cluster per vehicle, a networkx tour per cluster."""
 
 from __future__ import annotations
 
