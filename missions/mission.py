@@ -227,6 +227,10 @@ class Mission(_Section, frozen=True, kw_only=True):
     description: str = ""
     seed: int = 1
     knowledge: Literal["none", "mesh"] = "none"
+    """What is known of the structure before the flight: its box alone, or a prior model, as in the thesis's exploit
+    phase. Ground station and vehicles then plan on the model."""
+    prior_path: str = ""
+    """For knowledge = "mesh": a GLB, OBJ, PLY or STL file in ENU metres; empty: the true scene's mesh."""
     scene: SceneSpec = SceneSpec()
     site: SiteSpec = SiteSpec()
     fleet: FleetSpec = FleetSpec()

@@ -64,6 +64,8 @@ def check(mission: Mission, where: str) -> None:
         raise UserError(f"{where}: site.object_max_enu_m must exceed object_min_enu_m on every axis; swap or widen it.")
     if mission.fleet.clearance_m <= mission.fleet.radius_m:
         raise UserError(f"{where}: fleet.clearance_m must exceed fleet.radius_m; raise the clearance.")
+    if mission.prior_path and mission.knowledge == "none":
+        raise UserError(f"{where}: prior_path needs knowledge = \"mesh\"; set it or leave prior_path out.")
     if mission.survey.views == "file" and not mission.survey.views_path:
         raise UserError(f"{where}: survey.views = \"file\" needs survey.views_path; name the views file.")
 

@@ -30,6 +30,11 @@ class RunFolder:
         return self.root / "mission.toml"
 
     @property
+    def prior(self) -> Path:
+        """The prior model that the operator gives away before the flight; only there with knowledge = "mesh"."""
+        return self.root / "prior.ply"
+
+    @property
     def pictures(self) -> Path:
         """Pictures as the ground station received them."""
         return self._dir("pictures")
