@@ -93,6 +93,28 @@ class BatterySpec(_Section, frozen=True, kw_only=True):
         return self.start_percent[vehicle_id - 1] if vehicle_id <= len(self.start_percent) else 100.0
 
 
+class AirframeSpec(_Section, frozen=True, kw_only=True):
+    """Published figures of the multirotor; the power model is fitted to them. Defaults: DJI Mini 4 Pro with its standard
+    battery (specification page of the manufacturer; all figures in still air at sea level, battery flown empty)."""
+
+    mass_kg: Positive = 0.249
+    battery_wh: Positive = 18.96
+    rotors: Annotated[int, Meta(ge=3)] = 4
+    rotor_diameter_m: Positive = 0.1524
+    hover_min: Positive = 30.0
+    """How long a full battery hovers."""
+    endurance_min: Positive = 34.0
+    """The longest flight, at endurance_m_s."""
+    endurance_m_s: Positive = 6.0
+    range_km: Positive = 18.0
+    """The farthest flight, at range_m_s."""
+    range_m_s: Positive = 11.306
+    base_load_w: NonNegative = 6.0
+    """Camera, gimbal, computer and radio. Not published: an assumption, which the fit takes off the rotors' share."""
+    payload_kg: NonNegative = 0.0
+    """Carried beside what the published figures were measured with."""
+
+
 class WindSpec(_Section, frozen=True, kw_only=True):
     """The steady wind that flights are reckoned with. It costs energy; simulated vehicles hold their course in it."""
 
@@ -235,6 +257,7 @@ class Mission(_Section, frozen=True, kw_only=True):
     site: SiteSpec = SiteSpec()
     fleet: FleetSpec = FleetSpec()
     battery: BatterySpec = BatterySpec()
+    airframe: AirframeSpec = AirframeSpec()
     wind: WindSpec = WindSpec()
     camera: CameraSpec = CameraSpec()
     explore: ExploreSpec = ExploreSpec()

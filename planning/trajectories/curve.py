@@ -72,6 +72,11 @@ class Curve:
         return State(*self.at(t_s))
 
     @property
+    def knots_s(self) -> Array:
+        """(k + 1,) where the pieces begin, and the end."""
+        return np.append(self._start, self.duration_s)
+
+    @property
     def end(self) -> Array:
         """(3,) where the curve ends."""
         return self.at(self.duration_s)[0]
