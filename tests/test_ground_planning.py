@@ -170,11 +170,18 @@ def test_what_is_known_is_written_when_the_mission_is_cut_short(tmp_path: Path) 
         recorder.tracks[1].add(VehicleState(
             vehicle_id=1, t_ns=tick * 70_000_000, position_enu_m=(x, 0.0, 2.0), velocity_enu_m_s=(1.0, 0.0, 0.0),
             acceleration_enu_m_s2=(0.0, 0.0, 0.0), yaw_enu_rad=0.0, gimbal_elevation_rad=0.0,
-            battery_percent=100.0 - x, flying=True, mode="mission"))
+            battery_percent=100.0 - x, flying=True, mode="mission" if tick < 20 else "hold"))
+        if tick == 10:
+            recorder.plan_begins(1, "explore", 4, tick * 70_000_000, predicted_percent=0.9)
+    recorder.plan_ends(1, 29 * 70_000_000, flown=True)
     recorder.write(2_030_000_000)
     with np.load(run.trajectories) as tracks:
         assert np.allclose(tracks["uav1_t_s"], np.arange(21) / 10)
         assert np.allclose(tracks["uav1_position_enu_m"][:, 0], tracks["uav1_t_s"] / 0.7)
+        assert tracks["uav1_mode"].tolist() == ["mission"] * 14 + ["hold"] * 7
     record = json.loads(run.flight.read_text())
+    [plan] = record["plans"]
+    assert (plan["start_s"], plan["end_s"], plan["flown"]) == (pytest.approx(0.7), pytest.approx(2.03), True)
+    assert plan["start_percent"] - plan["end_percent"] == pytest.approx(1.9)
     assert record["phases"]["explore"]["end_s"] == pytest.approx(2.03)
     assert record["fleet"]["path_m"]["1"] == pytest.approx(2.9)

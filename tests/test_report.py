@@ -13,11 +13,13 @@ import pytest
 import trimesh
 
 from ground_station import stages
-from ground_station.report import charts, tiles
+from ground_station.report import tiles, time_charts
+from ground_station.report.activity import spans
 from ground_station.report.measure import measure
 from ground_station.report.metrics import assemble
 from ground_station.report.page import page
-from ground_station.report.run_data import read_run, read_views
+from ground_station.report.run_data import Track, read_run, read_views
+from ground_station.report.separation import nearest_pairs
 from ground_station.report.splat import ramp, splat
 from missions.errors import UserError
 from missions.mission import CameraSpec, Mission, ReconstructSpec, SiteSpec, SurveySpec
@@ -55,12 +57,15 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
                                        "coverage": {"final": 0.8, "ceiling": 0.9, "auc": 0.5, "per_view": [0.3, 0.8]}}))
     t = np.arange(0, 10, 0.1)
     arrays = {f"uav{k}_{name}": value for k in (1, 2) for name, value in
-              (("t_s", t), ("position_enu_m", np.stack([t, k + 0 * t, t], 1)), ("battery_percent", 100 - t))}
+              (("t_s", t), ("position_enu_m", np.stack([t, k + (0.5 * t) ** k, t], 1)), ("battery_percent", 100 - t),
+               ("mode", np.where(t < 2, "standby", np.where(t < 8 + k, "mission", "return"))))}
     np.savez(run.trajectories, **arrays)
     run.flight.write_text(json.dumps({
         "mission_hash": "cafe", "phases": {"survey": {"start_s": 0, "end_s": 10, "wall_s": 2.5}},
         "fleet": {"makespan_s": 10.0, "path_m": {"1": 9.0, "2": 8.0}, "battery_end_percent": {"1": 90.0, "2": 91.0},
                   "views_flown": 9, "views_reassigned": 1, "views_unreachable": 0},
+        "plans": [{"vehicle_id": k, "phase": "survey", "views": 4, "start_s": 2.0, "end_s": 8.0, "start_percent": 98.0,
+                   "end_percent": 92.0, "flown": k < 3, "predicted_percent": 6.3} for k in (1, 2, 3)],
         "reassignments": [{"view_id": 3, "from": 1, "to": 2, "t_s": 4.0, "reason": "energy"}],
         "outcomes": {str(i): "flown" for i in range(9)}, "notes": ["a <b>note</b>"],
         "battery_at_view": [{"view_id": 0, "vehicle_id": 1, "t_s": 1.0, "battery_percent": 99.0}]}))
@@ -92,6 +97,8 @@ def test_metrics_have_every_number(done: RunFolder) -> None:
     assert m["c2m"]["mean_m"] < 0.01
     assert m["c2m"]["within_2cm"] > 0.97
     assert m["fleet"]["path_m"] == {"1": 9.0, "2": 8.0}
+    assert m["energy"]["1"] == pytest.approx({"plans": 1, "predicted_percent": 6.3, "used_percent": 6.0, "error": 0.05})
+    assert set(m["energy"]) == {"1", "2"}
     assert set(m["timing_s"]) == {"survey", "reconstruct", "evaluate", "report"}
     assert set(m["peak_memory_mib"]) == {"reconstruct", "evaluate", "report"}
     assert (m["seed"], m["mission_hash"]) == (1, load_mission(done.mission).mission_hash)
@@ -123,12 +130,13 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     assert parser.fetched == []
     assert parser.images == 1 + 9 + 6
     assert len(text) < 15e6
-    assert text.count("Plotly.newPlot(") >= 5
+    assert text.count("Plotly.newPlot(") == 8
     assert "Wall &amp; box" in text
     assert "a &lt;b&gt;note&lt;/b&gt;" in text
     assert "scene: dropped 3 faces without area" in text
     titles = re.findall(r"<h2>(.*?)</h2>", text)
-    assert titles == ["The reconstruction", "Exploration coverage", "Battery", "Tours", "Vehicles and views",
+    assert titles == ["The reconstruction", "Exploration coverage", "Battery", "Tours", "Vehicles over time",
+                      "Distances between vehicles", "Energy predicted and used", "Vehicles and views",
                       "Completeness (C2C)", "Accuracy (C2M)", "Where it is good, and what is missing",
                       "Survey pictures", "Time and memory on this machine", "Notes"]
 
@@ -210,11 +218,53 @@ def test_memory_of_later_stages_is_not_added_to_the_flight(done: RunFolder) -> N
 
 
 def test_hand_overs_are_marked_on_the_battery_curve(done: RunFolder) -> None:
-    figure = charts.battery_curves(read_run(done))
+    figure = time_charts.battery_curves(read_run(done))
     assert figure is not None
     marks = next(trace for trace in figure.data if trace.name == "views handed over")
     assert list(marks.text) == ["1 views from UAV 1 to UAV 2"]
     np.testing.assert_allclose([marks.x[0], marks.y[0]], [4.0 / 60, 96.0])
+
+
+def test_the_gantt_shows_every_moment_of_every_vehicle_once(done: RunFolder) -> None:
+    data = read_run(done)
+    for track in data.tracks:
+        found = spans(track, {"explore": {"end_s": 5.0}})
+        assert [s.activity for s in found] == ["on the ground", "exploring", "surveying", "returning"][:3 + (
+            track.vehicle_id == 1)]
+        assert [s.start_s for s in found] == pytest.approx([0.0, 2.0, 5.0, 9.0][: len(found)])
+        assert [a.end_s for a in found] == [b.start_s for b in found[1:]] + [track.t_s[-1]]
+    figure = time_charts.gantt(data)
+    assert figure is not None
+    assert {bar.name: sum(bar.x) * 60 for bar in figure.data} == pytest.approx(
+        {"on the ground": 4.0, "surveying": 14.9, "returning": 0.9})
+
+
+def test_the_nearest_pair_is_that_of_all_pairs_of_which_one_flies() -> None:
+    rng, t = np.random.default_rng(4), np.arange(50) / 10
+    tracks = [Track(k, t[k:], rng.uniform(0, 9, (50 - k, 3)), 0 * t, np.where(t[k:] < 2, "standby", "mission"))
+              for k in (1, 2, 3)]
+    near = nearest_pairs(tracks)
+    assert near.t_s.tolist() == t[20:].tolist()
+    for n, (moment, (a, b)) in enumerate(zip(near.t_s, near.pair, strict=True)):
+        at = {k.vehicle_id: k.position_enu_m[np.searchsorted(k.t_s, moment)] for k in tracks}
+        gaps = {(i, j): np.linalg.norm(at[i] - at[j]) for i in at for j in at if i < j}
+        assert min(gaps, key=lambda pair: gaps[pair]) == (a, b)
+        assert near.distance_m[n] == pytest.approx(gaps[a, b])
+    assert len(nearest_pairs(tracks[:1]).t_s) == 0
+
+
+def test_the_drawn_separation_keeps_the_least_distance(done: RunFolder) -> None:
+    data = read_run(done)
+    figure = time_charts.separation(data)
+    assert figure is not None
+    assert min(figure.data[0].y) == nearest_pairs(data.tracks).distance_m.min()
+
+
+def test_energy_is_summed_over_flown_plans(done: RunFolder) -> None:
+    figure = time_charts.energy(read_run(done))
+    assert figure is not None
+    assert {line.name: line.y[-1] for line in figure.data} == pytest.approx(
+        {f"UAV {k} {what}": v for k in (1, 2) for what, v in (("used", 6.0), ("predicted", 6.3))})
 
 
 def test_nearer_points_hide_farther_ones() -> None:

@@ -25,12 +25,23 @@ def colour(vehicle_id: int) -> str:
     return VEHICLE_COLOURS[(vehicle_id - 1) % len(VEHICLE_COLOURS)]
 
 
+def blank(x: str, y: str) -> go.Figure:
+    """A chart with nothing in it yet, its axes named."""
+    figure = go.Figure()
+    figure.update_layout(height=330, margin={"l": 58, "r": 16, "t": 16, "b": 48}, paper_bgcolor="white",
+                         plot_bgcolor="white", font={"family": FONT, "size": 13, "color": INK},
+                         legend={"orientation": "h", "y": 1.12}, hovermode="closest")
+    figure.update_xaxes(title={"text": x, "font": {"size": 13}}, gridcolor=GRID, zerolinecolor=GRID)
+    figure.update_yaxes(title={"text": y, "font": {"size": 13}}, gridcolor=GRID, zerolinecolor=GRID)
+    return figure
+
+
 def coverage_curve(coverage: dict[str, Any]) -> go.Figure | None:
     """True coverage after each exploration picture, with what any reachable views could have covered."""
     values, ceiling = coverage.get("per_view") or [], coverage.get("ceiling")
     if not values:
         return None
-    figure = _figure("Exploration pictures", "Share of the surface seen")
+    figure = blank("Exploration pictures", "Share of the surface seen")
     figure.add_scatter(x=list(range(1, len(values) + 1)), y=values, mode="lines", name="seen so far",
                        fill="tozeroy",
                        fillcolor="rgba(0,114,178,.08)", line={"color": VEHICLE_COLOURS[0], "width": 2.5})
@@ -41,44 +52,6 @@ def coverage_curve(coverage: dict[str, Any]) -> go.Figure | None:
                          annotation_text="target: 80 % of it", annotation_position="bottom right")
     figure.update_layout(showlegend=False, yaxis={"range": [0, 1.02], "tickformat": ".0%"})
     return figure
-
-
-def battery_curves(data: RunData) -> go.Figure | None:
-    """Battery over time per vehicle, a dot per picture, a cross where views were handed over."""
-    if not data.tracks:
-        return None
-    figure = _figure("Simulated time (min)", "Battery (%)")
-    at_view = data.flight.get("battery_at_view") or []
-    for track in data.tracks:
-        k = track.vehicle_id
-        step = slice(None, None, max(1, len(track.t_s) // 1500))
-        figure.add_scatter(x=track.t_s[step] / 60, y=track.battery_percent[step], mode="lines", name=f"UAV {k}",
-                           line={"color": colour(k), "width": 2}, legendgroup=str(k))
-        dots = [v for v in at_view if v.get("vehicle_id") == k]
-        figure.add_scatter(x=[v["t_s"] / 60 for v in dots], y=[v["battery_percent"] for v in dots], mode="markers",
-                           marker={"color": colour(k), "size": 4}, legendgroup=str(k), showlegend=False,
-                           text=[f"view {v['view_id']}" for v in dots], name=f"UAV {k} pictures")
-    _mark_hand_overs(figure, data)
-    threshold = data.mission.battery.threshold_percent
-    figure.add_hline(y=threshold, line={"color": BAD, "width": 1, "dash": "dash"},
-                     annotation_text=f"hand-over at {threshold:g} %", annotation_position="bottom left")
-    figure.update_yaxes(range=[0, 104])
-    return figure
-
-
-def _mark_hand_overs(figure: go.Figure, data: RunData) -> None:
-    """One cross per vehicle and moment, on its curve, telling how many views went where."""
-    moments: dict[tuple[int, float], list[dict[str, Any]]] = {}
-    for change in data.flight.get("reassignments") or []:
-        moments.setdefault((change["from"], change["t_s"]), []).append(change)
-    tracks = {t.vehicle_id: t for t in data.tracks if len(t.t_s)}
-    marks = [(t, float(np.interp(t, tracks[k].t_s, tracks[k].battery_percent)), k, changes)
-             for (k, t), changes in moments.items() if k in tracks]
-    if marks:
-        figure.add_scatter(x=[m[0] / 60 for m in marks], y=[m[1] for m in marks], mode="markers",
-                           name="views handed over", marker={"symbol": "x", "size": 10, "color": BAD},
-                           text=[f"{len(c)} views from UAV {k} to UAV {', '.join(sorted({str(v['to']) for v in c}))}"
-                                 for _, _, k, c in marks])
 
 
 def tours(data: RunData, cloud: Cloud | None) -> go.Figure | None:
@@ -127,7 +100,7 @@ def c2c_histogram(measured: Measured) -> go.Figure:
     counts, _ = np.histogram(np.minimum(measured.c2c_m, 0.999), edges)
     share = counts / max(1, counts.sum())
     colours = [GOOD if e < 0.2499 else "#dd9a2b" if e < 0.4999 else BAD for e in edges[:-1]]
-    figure = _figure("Distance from the true surface to the cloud (m)", "Share of the true surface (log)")
+    figure = blank("Distance from the true surface to the cloud (m)", "Share of the true surface (log)")
     figure.add_bar(x=edges[:-1] + 0.025, y=share, marker={"color": colours}, width=0.046,
                    textangle=0, cliponaxis=False,
                    text=[f"{v:.0%}" if v >= 0.005 else "" for v in share], textposition="outside")
@@ -141,20 +114,10 @@ def c2m_histogram(measured: Measured) -> go.Figure:
     shown = np.abs(centres) <= 0.1
     total = max(1, int(counts.sum()))
     colours = [GOOD if abs(c) <= accuracy.INLIER_M else "#b8c0cc" for c in centres[shown]]
-    figure = _figure("Signed distance from the true surface (mm)", "Share of the cloud per mm")
+    figure = blank("Signed distance from the true surface (mm)", "Share of the cloud per mm")
     figure.add_bar(x=1000 * centres[shown], y=counts[shown] / total, marker={"color": colours, "line": {"width": 0}})
     outside = 1.0 - float(counts[shown].sum()) / total
     figure.add_annotation(text=f"beyond ±10 cm: {outside:.2%}", xref="paper", yref="paper", x=0.99, y=0.97,
                           showarrow=False)
     figure.update_layout(showlegend=False, bargap=0, yaxis={"tickformat": ".1%"})
-    return figure
-
-
-def _figure(x: str, y: str) -> go.Figure:
-    figure = go.Figure()
-    figure.update_layout(height=330, margin={"l": 58, "r": 16, "t": 16, "b": 48}, paper_bgcolor="white",
-                         plot_bgcolor="white", font={"family": FONT, "size": 13, "color": INK},
-                         legend={"orientation": "h", "y": 1.12}, hovermode="closest")
-    figure.update_xaxes(title={"text": x, "font": {"size": 13}}, gridcolor=GRID, zerolinecolor=GRID)
-    figure.update_yaxes(title={"text": y, "font": {"size": 13}}, gridcolor=GRID, zerolinecolor=GRID)
     return figure

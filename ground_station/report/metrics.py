@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ground_station.report.energy import energy_numbers
 from ground_station.report.measure import Measured, c2c_numbers, c2m_numbers
 from ground_station.report.run_data import RunData
 
@@ -23,6 +24,7 @@ def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
         "c2c": c2c_numbers(measured),
         "c2m": c2m_numbers(measured),
         "fleet": {key: fleet.get(key) for key in FLEET_KEYS},
+        "energy": energy_numbers(data),
         "timing_s": timing(data),
         "peak_memory_mib": {r["name"]: r.get("peak_memory_mib") for r in data.run.process_records()},
         "seed": data.mission.seed,

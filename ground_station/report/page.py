@@ -11,7 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from ground_station.report import charts, renderings, tables
+from ground_station.report import charts, renderings, tables, time_charts
 from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
 from ground_station.report.splat import Pixels, data_uri
@@ -87,18 +87,26 @@ def _model(data: RunData, cloud: Cloud | None) -> str:
 
 
 def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
-    coverage, battery = charts.coverage_curve(metrics["coverage"]), charts.battery_curves(data)
-    pair = "".join([
-        _section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
-                 _chart(coverage)) if coverage else "",
-        _section("Battery", "A dot per picture; a cross where a vehicle handed its views over.",
-                 _chart(battery)) if battery else ""])
+    coverage, battery = charts.coverage_curve(metrics["coverage"]), time_charts.battery_curves(data)
     space = charts.tours(data, cloud)
-    flown = _section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to zoom, "
-                     "click a name to hide or show it.", _chart(space)) if space else ""
     who = tables.vehicles(data, metrics) + "<h3></h3>" + tables.outcomes(data) if data.tracks or data.views else ""
-    people = _section("Vehicles and views", "", who) if who else ""
-    return (f"<div class=two>{pair}</div>" if pair else "") + flown + people
+    return "".join([
+        _pair(_chart_section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
+                             coverage),
+              _chart_section("Battery", "A dot per picture; a cross where a vehicle handed its views over.", battery)),
+        _chart_section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to "
+                       "zoom, click a name to hide or show it.", space),
+        _over_time(data, metrics),
+        _section("Vehicles and views", "", who) if who else ""])
+
+
+def _over_time(data: RunData, metrics: dict[str, Any]) -> str:
+    predicted = time_charts.energy(data)
+    return _chart_section("Vehicles over time", "What every vehicle was doing.", time_charts.gantt(data)) + _pair(
+        _chart_section("Distances between vehicles", "Between the nearest two of which at least one flies.",
+                       time_charts.separation(data)),
+        _chart_section("Energy predicted and used", "Summed over the plans that were flown to their end.", predicted,
+                       tables.energy(metrics)))
 
 
 def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Reported) -> str:
@@ -165,6 +173,15 @@ def _notes(metrics: dict[str, Any]) -> str:
 
 def _section(title: str, lead: str, content: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{f'<p class=soft>{escape(lead)}</p>' if lead else ''}{content}</section>"
+
+
+def _chart_section(title: str, lead: str, figure: go.Figure | None, below: str = "") -> str:
+    return _section(title, lead, _chart(figure) + below) if figure is not None else ""
+
+
+def _pair(*sections: str) -> str:
+    shown = [s for s in sections if s]
+    return f"<div class=two>{''.join(shown)}</div>" if len(shown) == 2 else "".join(shown)
 
 
 def _chart(figure: go.Figure) -> str:

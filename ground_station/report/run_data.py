@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from missions.errors import UserError
 from missions.frames import Array, matrix_from_quaternion
@@ -55,12 +56,13 @@ class ViewRow(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Track:
-    """A vehicle's flight at 10 Hz."""
+    """A vehicle's flight at 10 Hz. `mode`, what it said that it was doing, is empty in runs that did not record it."""
 
     vehicle_id: int
     t_s: Array
     position_enu_m: Array
     battery_percent: Array
+    mode: NDArray[np.str_]
 
 
 @dataclass(frozen=True)
@@ -156,5 +158,5 @@ def _tracks(path: Path) -> list[Track]:
         return []
     with np.load(path) as data:
         ids = sorted(int(name[3:-4]) for name in data.files if name.startswith("uav") and name.endswith("_t_s"))
-        return [Track(i, data[f"uav{i}_t_s"], data[f"uav{i}_position_enu_m"], data[f"uav{i}_battery_percent"])
-                for i in ids]
+        return [Track(i, data[f"uav{i}_t_s"], data[f"uav{i}_position_enu_m"], data[f"uav{i}_battery_percent"],
+                      data.get(f"uav{i}_mode", np.zeros(0, dtype=np.str_))) for i in ids]

@@ -52,6 +52,13 @@ def vehicles(data: RunData, metrics: dict[str, Any]) -> str:
                   "path", "battery at the end"], rows)
 
 
+def energy(metrics: dict[str, Any]) -> str:
+    """Predicted and used by vehicle."""
+    rows = [[f"UAV {k}", str(e["plans"]), f"{e['predicted_percent']:.1f} %", f"{e['used_percent']:.1f} %",
+             f"{100 * e['error']:+.1f} %"] for k, e in metrics["energy"].items()]
+    return table(["Vehicle", "plans", "predicted", "used", "error"], rows)
+
+
 def outcomes(data: RunData) -> str:
     """How many survey views ended how, and which ones were not flown."""
     found = data.flight.get("outcomes") or {}
