@@ -15,6 +15,7 @@ from planning.nbv.lattice import build_lattice
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 from planning.paths import VoxelField, plan_path, reachable
+from planning.paths.thesis_rrt import connect
 
 SIZE_M = np.array([10.0, 8.0, 8.0])
 WALL_X, WALL_Y = 5, 4
@@ -36,6 +37,8 @@ def _plan_paths(grid: VoxelGrid) -> None:
     reach.distance_to(np.stack([start, goal]))
     reach.path_to(goal)
     plan_path(field, start, goal, CLEARANCE_M, np.zeros(3), SIZE_M, seed=1)
+    wall = np.array([[[5.0, 0.0, 0.0], [6.0, 4.0, 8.0]]])
+    connect(start, goal, wall, np.zeros(3), SIZE_M, step_m=4.0, iterations=50, seed=1)
 
 
 def _plan_views(grid: VoxelGrid) -> None:
