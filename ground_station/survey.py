@@ -16,8 +16,8 @@ from missions.camera import View
 from missions.frames import Array
 from missions.mavlink import Waypoint
 from missions.mission import SurveySpec
-from planning.allocate.thesis import allocate
 from planning.allocate.cost import LegCost
+from planning.allocate.thesis import allocate
 from planning.allocate.thesis_reassign import Receiver, reassign
 
 log = logging.getLogger(__name__)
@@ -57,6 +57,11 @@ class Survey:
     def over(self) -> bool:
         """Whether every view has its outcome."""
         return self.ledger.open_count == 0
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """(views with an outcome, all views)."""
+        return len(self._ids) - self.ledger.open_count, len(self._ids)
 
     def left(self, vehicle_id: int) -> int:
         """Views that a vehicle still has to fly."""

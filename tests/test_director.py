@@ -7,8 +7,9 @@ from unittest.mock import Mock
 
 import numpy as np
 
-from ground_station.director import MAX_RESCUES, Director
+from ground_station.control import MAX_RESCUES, Control
 from ground_station.explore import MAX_FALLBACKS
+from ground_station.explore_phase import ExplorePhase
 from ground_station.fleet import Drone, Fleet, Stage
 from ground_station.recorder import Recorder
 from missions.messages import SiteBrief, VehicleState
@@ -30,17 +31,17 @@ def hovering_at(drone: Drone, x: float, y: float, z: float) -> None:
 def test_a_shut_in_vehicle_looks_around_then_starts_anew_from_its_pad_then_waits(tmp_path: Path) -> None:
     recorder = Recorder(RunFolder(tmp_path), MISSION, SITE)
     fleet = Fleet(MISSION, SITE, Mock(), Mock(), recorder)
-    director, drone = Director(MISSION, SITE, fleet, Mock(), recorder), fleet.drones[1]
+    phase, drone = ExplorePhase(Control(MISSION, SITE, fleet, Mock(), recorder)), fleet.drones[1]
     for _ in range(MAX_RESCUES):
         for _ in range(MAX_FALLBACKS):
             hovering_at(drone, 12.0, 9.0, 4.0)
-            director._decide([drone])
+            phase._decide([drone])
             assert drone.stage is Stage.FLYING
         hovering_at(drone, 12.0, 9.0, 4.0)
-        director._decide([drone])
+        phase._decide([drone])
         assert drone.stage is Stage.HOMING
         assert recorder.notes[-1].endswith("vehicle 1 is shut in by the map and is called home")
     for _ in range(MAX_FALLBACKS + 1):
         hovering_at(drone, *(float(c) for c in drone.hover_enu_m + np.array([0.0, 0.0, 0.5])))
-        director._decide([drone])
+        phase._decide([drone])
     assert drone.stage is Stage.READY

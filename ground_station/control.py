@@ -1,0 +1,59 @@
+"""What both phases of a mission share: the fleet, the map that was sent, energy left, and calling vehicles home."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ground_station.fleet import Drone, Fleet
+from ground_station.recorder import Recorder
+from missions import topics
+from missions.bus import Bus
+from missions.grid import VoxelGrid
+from missions.messages import SiteBrief
+from missions.mission import Mission
+from planning.allocate.battery import range_m
+
+EXPLORE_ENERGY_SHARE = 0.5
+"""Share of the usable battery that exploration may take when a survey follows."""
+AWAY_M = 5.0
+MAX_RESCUES = 2
+"""Times that a vehicle around which the map has closed is called home, on the way that it remembers, to start anew."""
+
+
+class Control:
+    """The mission's means, the same for every phase."""
+
+    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder) -> None:
+        self.mission, self.site, self.fleet, self.recorder = mission, site, fleet, recorder
+        self._bus = bus
+        self._sent_grid: VoxelGrid | None = None
+        self._rescues: dict[int, int] = {}
+
+    def send_map(self, grid: VoxelGrid) -> None:
+        """The map that is planned on, to the vehicles, when it has changed."""
+        if self._sent_grid is None or not np.array_equal(self._sent_grid.state, grid.state):
+            self._bus.publish(topics.MAP_SNAPSHOT, grid.to_message(self.fleet.t_ns))
+            self._sent_grid = grid
+
+    def note(self, text: str) -> None:
+        """Something a reader of the report should know, now."""
+        self.recorder.note(self.fleet.t_ns, text)
+
+    def range_m(self, drone: Drone, exploring: bool) -> float:
+        """What a vehicle may still fly in this phase, the way home included."""
+        battery = self.mission.battery
+        reserve = battery.threshold_percent
+        if exploring and self.mission.survey.enabled:
+            reserve += (1.0 - EXPLORE_ENERGY_SHARE) * max(0.0, battery.start_of(drone.vehicle_id) - reserve)
+        return range_m(drone.battery_percent, battery.percent_per_m, reserve)
+
+    def may_rescue(self, drone: Drone) -> bool:
+        """Whether it helps, and is still allowed, to call a shut-in vehicle home."""
+        away = float(np.linalg.norm(drone.position_enu_m - drone.hover_enu_m))
+        return away > AWAY_M and self._rescues.get(drone.vehicle_id, 0) < MAX_RESCUES
+
+    def rescue(self, drone: Drone) -> None:
+        """Call a shut-in vehicle home, to start anew."""
+        self._rescues[drone.vehicle_id] = self._rescues.get(drone.vehicle_id, 0) + 1
+        self.note(f"vehicle {drone.vehicle_id} is shut in by the map and is called home")
+        self.fleet.home(drone)

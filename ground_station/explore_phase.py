@@ -1,0 +1,129 @@
+"""Exploration as the fleet flies it: pictures into the map, the next view for whoever hovers without one."""
+
+from __future__ import annotations
+
+from ground_station.control import Control
+from ground_station.explore import Asking, Busy, Explorer, Leg
+from ground_station.fleet import Drone, Stage
+
+MAX_TROUBLE = 8
+"""Refused or blocked legs in a row after which a vehicle stops exploring."""
+
+
+class ExplorePhase:
+    """Who explores what next."""
+
+    def __init__(self, control: Control) -> None:
+        self._control, self._mission = control, control.mission
+        self._fleet, self._recorder = control.fleet, control.recorder
+        self.explorer = Explorer(control.mission, control.site)
+        self._legs: dict[int, Leg] = {}
+        self._column_flown: set[int] = set()
+        self._done_exploring: set[int] = set()
+        self._asked: set[int] = set()
+        self._trouble: dict[int, int] = {}
+        self._decisions = 0
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """(decisions made, decisions allowed)."""
+        return self._decisions, self._mission.explore.max_views
+
+    def step(self) -> None:
+        """One turn."""
+        for picture in self._fleet.new_pictures:
+            self.explorer.add(picture)
+            self._recorder.picture(picture.meta, picture.meta.vehicle_id)
+            if picture.meta.view_id in self.explorer.key_views:
+                self._asked.clear()
+                self._trouble.pop(picture.meta.vehicle_id, None)
+        for drone in self._fleet.drones.values():
+            self._settle_leg(drone)
+        for drone in self._fleet.in_stage(Stage.PARKED):
+            if drone.available and drone.vehicle_id not in self._done_exploring:
+                self._fleet.launch(drone)
+        self._give_views()
+
+    def _settle_leg(self, drone: Drone) -> None:
+        """What was refused or reported blocked is not tried again; a vehicle that only ever meets trouble is done."""
+        k, leg = drone.vehicle_id, self._legs.get(drone.vehicle_id)
+        if leg is not None and (drone.refused or drone.reports):
+            self.explorer.forbid(leg.goal)
+            self._trouble[k] = self._trouble.get(k, 0) + 1
+            if self._trouble[k] >= MAX_TROUBLE:
+                self._done_exploring.add(k)
+                self._control.note(f"vehicle {k} stops exploring after {MAX_TROUBLE} legs in a row that were refused "
+                                   "or blocked")
+        drone.reports.clear()
+        drone.refused = ""
+
+    def _give_views(self) -> None:
+        ready = [d for d in self._fleet.in_stage(Stage.READY)
+                 if d.vehicle_id not in self._done_exploring and d.standing]
+        for drone in ready:
+            if drone.vehicle_id not in self._column_flown:
+                self._column_flown.add(drone.vehicle_id)
+                self._fly_leg(drone, self.explorer.column(drone.vehicle_id))
+            elif self._decisions >= self._mission.explore.max_views or self._range_m(drone) <= 0.0:
+                self._done_exploring.add(drone.vehicle_id)
+        asking = [d for d in ready if d.stage is Stage.READY and d.vehicle_id not in self._done_exploring]
+        if any(d.vehicle_id not in self._asked for d in asking):
+            self._decide(asking)
+        if not self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
+            self._done_exploring.update(d.vehicle_id for d in asking)
+
+    def _decide(self, asking: list[Drone]) -> None:
+        explorer = self.explorer
+        explorer.refresh()
+        self._asked.update(d.vehicle_id for d in asking)
+        self._control.send_map(explorer.grid)
+        self._recorder.predicted_coverage.append(round(explorer.coverage, 4))
+        others = [d for d in self._fleet.drones.values() if d.airborne and d not in asking]
+        budget = self._mission.explore.max_views - self._decisions
+        found = explorer.decide([self._asking(d) for d in asking[:budget]], [self._busy(d) for d in others])
+        for leg in found.legs:
+            self._decisions += 1
+            self._fly_leg(self._fleet.drones[leg.vehicle_id], leg)
+        for drone in asking:
+            if drone.stage is Stage.READY:
+                self._without_view(drone, drone.vehicle_id in found.stuck)
+
+    def _without_view(self, drone: Drone, stuck: bool) -> None:
+        """Nothing for this vehicle now: wait for what the others find, or, when it is shut in, look around, and when
+        that has not helped start anew from the pad."""
+        if not stuck:
+            return
+        leg = self.explorer.look_around(self._asking(drone))
+        if leg is not None:
+            self._control.note(f"vehicle {drone.vehicle_id} reaches no candidate and looks around")
+            self._fly_leg(drone, leg)
+        elif self._control.may_rescue(drone):
+            self._control.rescue(drone)
+            self.explorer.look_again(drone.vehicle_id)
+            self._asked.discard(drone.vehicle_id)
+
+    def _fly_leg(self, drone: Drone, leg: Leg) -> None:
+        self._legs[drone.vehicle_id] = leg
+        self._asked.discard(drone.vehicle_id)
+        self._fleet.fly(drone, "explore", leg.waypoints)
+
+    @property
+    def over(self) -> bool:
+        """Whether nobody explores any more."""
+        if self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
+            return False
+        return all(not d.available or d.vehicle_id in self._done_exploring for d in self._fleet.drones.values())
+
+    def _range_m(self, drone: Drone) -> float:
+        return self._control.range_m(drone, exploring=True)
+
+    def _asking(self, drone: Drone) -> Asking:
+        state = drone.state
+        assert state is not None
+        return Asking(drone.vehicle_id, drone.position_enu_m, state.yaw_enu_rad, state.gimbal_elevation_rad,
+                      self._range_m(drone))
+
+    def _busy(self, drone: Drone) -> Busy:
+        leg = self._legs.get(drone.vehicle_id)
+        flying = drone.stage is Stage.FLYING and leg is not None
+        return Busy(drone.vehicle_id, drone.position_enu_m, leg.goal if leg is not None and flying else None)
