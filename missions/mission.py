@@ -94,8 +94,8 @@ class BatterySpec(_Section, frozen=True, kw_only=True):
 
 
 class AirframeSpec(_Section, frozen=True, kw_only=True):
-    """Published figures of the multirotor; the power model is fitted to them. Defaults: DJI Mini 4 Pro with its standard
-    battery (specification page of the manufacturer; all figures in still air at sea level, battery flown empty)."""
+    """Published figures of the multirotor; the power model is fitted to them. Defaults: DJI Mini 4 Pro with its
+    standard battery (the manufacturer's specification page: still air, sea level, battery flown empty)."""
 
     mass_kg: Positive = 0.249
     battery_wh: Positive = 18.96
@@ -176,8 +176,9 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     """The thesis's exploit phase: full-resolution pictures for photogrammetry."""
 
     enabled: bool = True
-    views: Literal["map", "exploration", "file"] = "map"
-    """Where the survey's views come from: planned on the explored map, the exploration's key views, or a file."""
+    views: Literal["map", "exploration", "frames", "file"] = "map"
+    """Where the survey's views come from: planned on the explored map, the exploration's key views, all of its pictures
+    as in the thesis, or a file."""
     views_path: str = ""
     max_views: Annotated[int, Meta(ge=1)] = 160
     distance_m: Positive = 8.0
