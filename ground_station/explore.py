@@ -102,6 +102,7 @@ class Explorer:
         self._largest_gain = 0.0
         self._next_view_id = 1
         self.key_views: dict[int, Pose] = {}
+        self._pictured: dict[tuple[int, int], Pose] = {}
         self.pictures_new = 0
         self._fallbacks: dict[int, int] = {}
 
@@ -110,10 +111,18 @@ class Explorer:
         if picture.rgb is None:
             return
         meta = picture.meta
+        self._pictured[meta.vehicle_id, meta.view_id] = meta.pose
         self.map.add_picture(picture.rgb, meta.camera, meta.pose)
         self.pictures_new += 1
         if meta.view_id in self.key_views:
             self._new_keys.append(meta.pose)
+
+    def poses(self, every_picture: bool) -> list[Pose]:
+        """Key poses in the order they were given out; or where every picture was taken, vehicle after vehicle, each in
+        its order of flight."""
+        if every_picture:
+            return [self._pictured[key] for key in sorted(self._pictured)]
+        return [self.key_views[key] for key in sorted(self.key_views)]
 
     def refresh(self) -> None:
         """Bring the map up to date with the pictures."""

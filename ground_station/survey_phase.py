@@ -30,8 +30,8 @@ class SurveyPhase:
         control.send_map(grid)
         if explorer is not None:
             self._recorder.write_map(grid, explorer.map.surface())
-        views = survey_views(control.mission, control.site, grid, {} if explorer is None else explorer.key_views,
-                             [f.position_enu_m for f in flyers])
+        explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
+        views = survey_views(control.mission, control.site, grid, explored, [f.position_enu_m for f in flyers])
         self._airspace = Airspace.of(grid, control.mission, control.site)
         self.survey = Survey(views, control.mission.survey)
         self.survey.allocate(flyers, self._fleet.t_ns / SECOND_NS)

@@ -1,9 +1,9 @@
-"""Which survey views to fly: planned on the explored map, the exploration's key views, or a file."""
+"""Which survey views to fly: planned on the explored map, views of the exploration again, or a file."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,14 +46,14 @@ def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
     return grid
 
 
-def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, key_views: Mapping[int, Pose],
+def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: Sequence[Pose],
                  starts_enu_m: list[Array]) -> list[View]:
-    """The survey's views with ids from FIRST_VIEW_ID up. key_views: exploration's key poses by view id."""
+    """The survey's views with ids from FIRST_VIEW_ID up. explored: the exploration's poses that may be flown again."""
     spec = mission.survey
     if spec.views == "file":
         poses = [v.pose for v in read_views(Path(spec.views_path))]
-    elif spec.views == "exploration":
-        poses = [key_views[i] for i in sorted(key_views)][: spec.max_views]
+    elif spec.views in ("exploration", "frames"):
+        poses = list(explored[: spec.max_views])
     else:
         poses = _planned(mission, site, grid, starts_enu_m)
     return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]

@@ -41,7 +41,7 @@ def test_the_survey_takes_no_pictures_of_bare_ground() -> None:
     grid.state[:] = FREE
     grid.state[:, :, 0] = OCCUPIED
     start = [np.array([0.0, -12.0, 4.0])]
-    assert survey_views(mission, SITE, grid, {}, start) == []
+    assert survey_views(mission, SITE, grid, [], start) == []
     wall = grid.index(np.array([-3.0, 0.0, 0.6]))
     grid.state[wall[0]:wall[0] + 12, wall[1], 1:9] = OCCUPIED
-    assert len(survey_views(mission, SITE, grid, {}, start)) > 4
+    assert len(survey_views(mission, SITE, grid, [], start)) > 4
