@@ -14,7 +14,7 @@ from planning.nbv.gain import GainSpec, gain_field
 from planning.nbv.lattice import build_lattice
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
 from planning.nbv.survey import SurveyViewSpec, plan_survey
-from planning.paths import VoxelField, plan_path, reachable
+from planning.paths import MeshField, VoxelField, plan_path, reachable, voxelised
 from planning.paths.thesis_rrt import connect
 
 SIZE_M = np.array([10.0, 8.0, 8.0])
@@ -37,6 +37,9 @@ def _plan_paths(grid: VoxelGrid) -> None:
     reach.distance_to(np.stack([start, goal]))
     reach.path_to(goal)
     plan_path(field, start, goal, CLEARANCE_M, np.zeros(3), SIZE_M, seed=1)
+    corners, faces = np.array([[5.0, 0.0, 0.0], [5.0, 4.0, 0.0], [5.0, 0.0, 8.0]]), np.array([[0, 1, 2]])
+    model = MeshField.from_mesh(corners, faces, voxelised(corners, faces, np.zeros(3), SIZE_M, 1.0))
+    model.with_spheres(start, 0.2).segments_clear(start, goal, CLEARANCE_M)
     wall = np.array([[[5.0, 0.0, 0.0], [6.0, 4.0, 8.0]]])
     connect(start, goal, wall, np.zeros(3), SIZE_M, step_m=4.0, iterations=50, seed=1)
 

@@ -6,12 +6,11 @@ import time
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from planning.paths import MeshField, NoPath, VoxelField, plan_path, reachable, segment_clearance_m, shortcut
+from planning.paths import NoPath, VoxelField, plan_path, reachable, segment_clearance_m, shortcut
 
 LOWER, UPPER = np.zeros(3), np.array([20.0, 16.0, 12.0])
 seeds = st.integers(0, 2**32 - 1)
@@ -80,7 +79,7 @@ def test_a_clear_segment_is_clear_everywhere(seed: int) -> None:
     least = segment_clearance_m(field, a, b, 0.2)
     f = np.linspace(0.0, 1.0, 100)[:, None]
     truth = np.array([true_clearance(grid, p + f * (q - p)).min() for p, q in zip(a, b, strict=True)])
-    assert np.all(truth[clear] >= 1.0 - 0.025)
+    assert np.all(truth[clear] >= 1.0)
     assert np.all(least <= truth + 1e-6)
     assert np.all(clear[truth > 1.0 + 2.0 * grid.voxel_m])
 
@@ -171,16 +170,6 @@ def test_many_goals_cost_hardly_more_than_few() -> None:
 
     work_s(1)
     assert min(work_s(500) for _ in range(3)) < 5.0 * min(work_s(5) for _ in range(3))
-
-
-def test_mesh_field_measures_the_distance_to_a_box() -> None:
-    box = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
-    field = MeshField(box.vertices, box.faces)
-    assert field.clearance_m(np.array([[3.0, 0, 0], [4.0, 5.0, 0.0]])) == pytest.approx([2.0, 5.0], abs=1e-3)
-    a, b = np.array([[-4.0, 0, 0], [-4.0, 3, 0]]), np.array([[4.0, 0, 0], [4.0, 3, 0]])
-    assert field.segments_clear(a, b, 1.5).tolist() == [False, True]
-    path = plan_path(field, a[0], b[0], 1.0, np.full(3, -6.0), np.full(3, 6.0), 3)
-    assert segment_clearance_m(field, path[:-1], path[1:], 0.05).min() >= 0.94
 
 
 def test_a_start_that_became_narrow_is_left_for_a_wide_place_nearby() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,26 @@ NO_SPHERES = np.zeros((0, 4))
 
 class ObstacleField(Protocol):
     """Anything that knows how far the nearest obstacle is."""
+
+    @property
+    def distance(self) -> NDArray[np.float32]:
+        """(nx + 2, ny + 2, nz + 2) metres from the points of a lattice to the nearest obstacle but for the spheres,
+        never more than true; the first and last layers lie outside of what is known."""
+
+    @property
+    def origin(self) -> Array:
+        """(3,) the lattice's first point, ENU metres."""
+
+    @property
+    def voxel_m(self) -> float:
+        """The lattice's step."""
+
+    @property
+    def spheres(self) -> Array:
+        """(m, 4) centres and radii of spheres that are obstacles too."""
+
+    def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> Self:
+        """The same field with spheres (m, 3) of one radius or (m,) radii added: sensor hits, teammates."""
 
     def clearance_m(self, points_enu_m: Array) -> Array:
         """(n,) metres from points (n, 3) to the nearest obstacle; never more than true."""
@@ -50,11 +70,8 @@ class VoxelField:
         return cls(distance, np.asarray(grid.origin_enu_m - 0.5 * grid.voxel_m), grid.voxel_m, NO_SPHERES)
 
     def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> VoxelField:
-        """The same map with spheres (m, 3) of one radius or (m,) radii added: sensor hits, teammates."""
-        centers = np.asarray(centers_enu_m, dtype=np.float64).reshape(-1, 3)
-        radii = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), (len(centers),))
-        added = np.concatenate([self.spheres, np.column_stack([centers, radii])])
-        return replace(self, spheres=np.ascontiguousarray(added))
+        """As ObstacleField says."""
+        return replace(self, spheres=np.concatenate([self.spheres, sphere_rows(centers_enu_m, radius_m)]))
 
     def clearance_m(self, points_enu_m: Array) -> Array:
         """As ObstacleField says."""
@@ -63,7 +80,7 @@ class VoxelField:
 
     def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
         """As ObstacleField says."""
-        a, b = _pairs(a_enu_m, b_enu_m)
+        a, b = paired(a_enu_m, b_enu_m)
         return np.asarray(kernels.segments_clear(a, b, clearance_m, *self._arrays))
 
     @property
@@ -71,54 +88,12 @@ class VoxelField:
         return self.distance, self.origin, self.voxel_m, self.spheres
 
 
-class MeshField:
-    """A prior model (knowledge = "mesh"): distance from a point to the mesh, by FCL."""
-
-    def __init__(self, vertices_enu_m: Array, faces: NDArray[np.int64]) -> None:
-        """vertices (n, 3), triangles (m, 3)."""
-        import fcl
-
-        self._fcl = fcl
-        model = fcl.BVHModel()
-        model.beginModel(len(vertices_enu_m), len(faces))
-        model.addSubModel(np.ascontiguousarray(vertices_enu_m, dtype=np.float64), np.ascontiguousarray(faces))
-        model.endModel()
-        self._mesh = fcl.CollisionObject(model, fcl.Transform())
-        self._probe = fcl.Sphere(PROBE_M)
-
-    def clearance_m(self, points_enu_m: Array) -> Array:
-        """As ObstacleField says; inside a closed mesh it is the distance to its surface, not zero."""
-        points = np.asarray(points_enu_m, dtype=np.float64).reshape(-1, 3)
-        return np.array([self._distance(p) for p in points])
-
-    def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
-        """As ObstacleField says."""
-        pairs = zip(*_pairs(a_enu_m, b_enu_m), strict=True)
-        return np.array([self._segment_clear(a, b, clearance_m) for a, b in pairs], dtype=np.bool_)
-
-    def _segment_clear(self, a: Array, b: Array, need: float) -> bool:
-        length, done = float(np.linalg.norm(b - a)), 0.0
-        while True:
-            spare = self._distance(a + (b - a) * (done / length if length > 0.0 else 0.0)) - need
-            if spare < 0.0 or done >= length:
-                return spare >= 0.0
-            done = min(length, done + max(spare, kernels.LEAST_STEP_M))
-
-    def _distance(self, point: Array) -> float:
-        fcl = self._fcl
-        probe = fcl.CollisionObject(self._probe, fcl.Transform(point))
-        return max(0.0, float(fcl.distance(probe, self._mesh, fcl.DistanceRequest(), fcl.DistanceResult())) + PROBE_M)
-
-
-PROBE_M = 1e-3
-
-
 def segment_clearance_m(field: ObstacleField, a_enu_m: Array, b_enu_m: Array, step_m: float = 0.25) -> Array:
     """(n,) least clearance along segments from a (n, 3) to b (n, 3), never more than true.
 
     Between two samples s apart with clearances p and q the clearance is at least (p + q - s) / 2.
     """
-    a, b = _pairs(a_enu_m, b_enu_m)
+    a, b = paired(a_enu_m, b_enu_m)
     if len(a) == 0:
         return np.zeros(0)
     lengths = np.linalg.norm(b - a, axis=1)
@@ -130,8 +105,16 @@ def segment_clearance_m(field: ObstacleField, a_enu_m: Array, b_enu_m: Array, st
     return np.asarray(np.maximum(0.0, np.minimum(c.min(axis=1), between.min(axis=1))))
 
 
-def _pairs(a: Array, b: Array) -> tuple[Array, Array]:
+def paired(a: Array, b: Array) -> tuple[Array, Array]:
+    """Ends of segments as two arrays (n, 3); a single point belongs to all of the other's."""
     a = np.ascontiguousarray(a, dtype=np.float64).reshape(-1, 3)
     b = np.ascontiguousarray(b, dtype=np.float64).reshape(-1, 3)
     return np.ascontiguousarray(np.broadcast_to(a, (max(len(a), len(b)), 3))), \
         np.ascontiguousarray(np.broadcast_to(b, (max(len(a), len(b)), 3)))
+
+
+def sphere_rows(centers_enu_m: Array, radius_m: Array | float) -> Array:
+    """(m, 4) centre and radius of spheres (m, 3) of one radius or (m,) radii."""
+    centers = np.asarray(centers_enu_m, dtype=np.float64).reshape(-1, 3)
+    radii = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), (len(centers),))
+    return np.ascontiguousarray(np.column_stack([centers, radii]))

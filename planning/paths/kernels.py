@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from missions.frames import Array
 
-LEAST_STEP_M = 0.05
-"""Segments are walked in steps of the clearance to spare, at least this; between two such steps the clearance can be
-at most half of it less than asked for."""
+LEAST_STEP_M = 0.02
+"""Segments are walked in steps of the clearance to spare, at least this. Half of it must be to spare everywhere: what
+one step does not prove clear ahead, the next proves behind it."""
 AXIS, FACE, CUBE = 29, 41, 50
 """Costs of steps along an axis, a face diagonal and a cube diagonal: sqrt 2 and sqrt 3 within 1 %."""
 BUCKETS = 512
@@ -118,16 +118,36 @@ def clearances(points: Array, distance: NDArray[np.float32], origin: Array, voxe
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def clear_of_spheres(a: Array, b: Array, need: float, spheres: Array) -> NDArray[np.bool_]:
+    """Whether segments from a (n, 3) to b (n, 3) keep `need` from spheres (m, 4)."""
+    out = np.ones(a.shape[0], np.bool_)
+    for n in range(a.shape[0]):
+        span = b[n] - a[n]
+        squared = span[0] ** 2 + span[1] ** 2 + span[2] ** 2
+        for m in range(spheres.shape[0]):
+            x, y, z = spheres[m, 0] - a[n, 0], spheres[m, 1] - a[n, 1], spheres[m, 2] - a[n, 2]
+            f = (x * span[0] + y * span[1] + z * span[2]) / squared if squared > 0.0 else 0.0
+            f = min(1.0, max(0.0, f))
+            gap = (x - f * span[0]) ** 2 + (y - f * span[1]) ** 2 + (z - f * span[2]) ** 2
+            if gap < (need + spheres[m, 3]) ** 2:
+                out[n] = False
+                break
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def segment_clear(ax: float, ay: float, az: float, bx: float, by: float, bz: float, need: float,
                   distance: NDArray[np.float32], origin: Array, voxel: float, spheres: Array) -> bool:
-    """Whether the clearance along a segment stays at `need` or more: walks ahead by the clearance to spare."""
+    """Whether the clearance along a segment is proven to stay at `need` or more, at every point of it: walks ahead by
+    the clearance to spare. Who needs none gets through anything."""
+    least = 0.5 * LEAST_STEP_M if need > 0.0 else 0.0
     length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2)
     done = 0.0
     while True:
         f = done / length if length > 0.0 else 0.0
         spare = clearance_at(ax + f * (bx - ax), ay + f * (by - ay), az + f * (bz - az), distance, origin, voxel,
                              spheres) - need
-        if spare < 0.0:
+        if spare < (least if length > 0.0 else 0.0):
             return False
         if done >= length:
             return True

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from missions.frames import Array
 from planning.paths import kernels
-from planning.paths.fields import VoxelField
+from planning.paths.fields import ObstacleField
 from planning.paths.replan import NoPath, shortcut
 
 NEAR = np.array([(i, j, k) for i in range(-1, 3) for j in range(-1, 3) for k in range(-1, 3)])
@@ -27,7 +27,7 @@ class Reach:
     Steps go to the 26 neighbours, so a distance is at most 13 % longer than the shortest path around the obstacles.
     """
 
-    field: VoxelField
+    field: ObstacleField
     start_enu_m: Array
     clearance_m: float
     distance_m: NDArray[np.float32]
@@ -75,7 +75,7 @@ class Reach:
         return np.zeros(3, dtype=np.int64), np.inf
 
 
-def reachable(field: VoxelField, start_enu_m: Array, clearance_m: float) -> Reach:
+def reachable(field: ObstacleField, start_enu_m: Array, clearance_m: float) -> Reach:
     """Search from a start (3,).
 
     A start that lacks the clearance (the map changed around a hovering vehicle) is left straight for wide enough
@@ -95,7 +95,7 @@ def reachable(field: VoxelField, start_enu_m: Array, clearance_m: float) -> Reac
     return Reach(field, start, clearance_m, distance, came)
 
 
-def _seeds(field: VoxelField, start: Array, need_m: float) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+def _seeds(field: ObstacleField, start: Array, need_m: float) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
     """Voxels (n, 3) that the search may begin with, their centres, and which of them can be flown to."""
     here = float(field.clearance_m(start)[0])
     if here >= need_m:
@@ -112,7 +112,7 @@ def _seeds(field: VoxelField, start: Array, need_m: float) -> tuple[NDArray[np.i
     return voxels, centers, clear
 
 
-def _around(field: VoxelField, point: Array, offsets: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+def _around(field: ObstacleField, point: Array, offsets: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
     base = np.floor((point - field.origin) / field.voxel_m).astype(np.int64)
     voxels = base + offsets
     voxels = voxels[np.all((voxels >= 0) & (voxels < np.array(field.distance.shape)), axis=1)]

@@ -1,0 +1,104 @@
+"""Clearance from a prior model: never more than true, swept bodies keep their margin, the inside is solid."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from missions.grid import FREE, OCCUPIED, VoxelGrid
+from planning.paths import MeshField, plan_path, voxelised
+
+LOWER, UPPER = np.zeros(3), np.array([20.0, 16.0, 12.0])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def boxes_mesh(boxes: np.ndarray) -> trimesh.Trimesh:
+    """Boxes (n, 2, 3), lower and upper corner, as one mesh."""
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=b) for b in boxes])
+
+
+def field_of(mesh: trimesh.Trimesh, voxel: float = 0.5) -> tuple[MeshField, VoxelGrid]:
+    grid = voxelised(mesh.vertices, mesh.faces, LOWER, UPPER, voxel)
+    return MeshField.from_mesh(mesh.vertices, mesh.faces, grid), grid
+
+
+def random_boxes(rng: np.random.Generator, count: int) -> np.ndarray:
+    corner, size = rng.uniform(LOWER, UPPER, (count, 3)), rng.uniform(0.3, 4.0, (count, 3))
+    return np.stack([corner, corner + size], axis=1)
+
+
+def true_clearance(boxes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance to the nearest box or to the outside of the world."""
+    gap = np.maximum(np.maximum(boxes[:, 0] - points[:, None], points[:, None] - boxes[:, 1]), 0.0)
+    border = np.minimum(points - LOWER, UPPER - points).min(axis=1)
+    return np.maximum(np.minimum(np.linalg.norm(gap, axis=2).min(axis=1), border), 0.0)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_clearance_is_never_more_than_true_and_exact_nearby(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng, 6)
+    field, grid = field_of(boxes_mesh(boxes))
+    points = rng.uniform(LOWER - 1.0, UPPER + 1.0, (150, 3))
+    truth = true_clearance(boxes, points)
+    got = field.clearance_m(points)
+    assert np.all(got <= truth + 1e-5)
+    near = (grid.state_at(points) == FREE) & (truth > 0.5 * np.sqrt(3.0)) & (truth < 3.0)
+    assert np.all(got[near] >= truth[near] - 1e-5)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_a_swept_body_keeps_its_margin_and_only_that(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng, 5)
+    field, _ = field_of(boxes_mesh(boxes))
+    sphere = rng.uniform(LOWER, UPPER, 3)
+    a, b = rng.uniform(LOWER, UPPER, (2, 30, 3))
+    b[0] = a[0]
+    clear = field.with_spheres(sphere, 0.7).segments_clear(a, b, 1.0)
+    f = np.linspace(0.0, 1.0, 300)[:, None]
+    fine = a[:, None] + f * (b - a)[:, None]
+    truth = true_clearance(boxes, fine.reshape(-1, 3)).reshape(30, -1)
+    truth = np.minimum(truth, np.linalg.norm(fine - sphere, axis=2) - 0.7).min(axis=1)
+    assert np.all(truth[clear] >= 1.0 - 1e-5)
+    assert np.all(clear[truth > 1.0 + 0.05])
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_voxels_hold_all_of_the_mesh_and_nothing_beside_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng, 4)
+    _, grid = field_of(boxes_mesh(boxes))
+    inside = rng.uniform(boxes[:, 0], boxes[:, 1], (200, 4, 3)).reshape(-1, 3)
+    inside = inside[np.all((inside >= LOWER) & (inside < UPPER), axis=1)]
+    assert np.all(grid.state_at(inside) == OCCUPIED)
+    anywhere = rng.uniform(LOWER, UPPER, (300, 1, 3))
+    beside = np.maximum(boxes[:, 0] - anywhere, anywhere - boxes[:, 1])[..., :2].max(axis=2) > grid.voxel_m
+    assert np.all(grid.state_at(anywhere[:, 0])[beside.all(axis=1)] == FREE)
+
+
+def test_the_inside_of_a_closed_mesh_is_solid() -> None:
+    field, grid = field_of(boxes_mesh(np.array([[[4.0, 4, 2], [12.0, 12, 9]]])))
+    middle = np.array([[8.0, 8.0, 5.0]])
+    assert field.clearance_m(middle).tolist() == [0.0]
+    assert not field.segments_clear(middle, middle + 0.5, 0.3).any()
+    assert grid.state_at(middle)[0] == OCCUPIED
+    assert grid.state_at(np.array([[2.0, 2.0, 2.0]]))[0] == FREE
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_path_around_a_box_keeps_the_margin(seed: int) -> None:
+    boxes = np.array([[[8.0, 0, 0], [11.0, 9, 12]]])
+    field, _ = field_of(boxes_mesh(boxes))
+    path = plan_path(field, np.array([4.0, 4, 6]), np.array([16.0, 4, 6]), 1.2, LOWER, UPPER, seed)
+    f = np.linspace(0.0, 1.0, 400)[:, None]
+    fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
+    assert true_clearance(boxes, fine).min() >= 1.2 - 1e-5
