@@ -10,16 +10,25 @@ from scipy.optimize import linear_sum_assignment
 from missions.frames import Array
 
 
-def ward_clusters(positions_enu_m: Array, clusters: int) -> list[NDArray[np.int64]]:
-    """At most `clusters` disjoint index arrays that together hold every position (n, 3) once, each in rising order.
+def ward_linkage(positions_enu_m: Array) -> Array:
+    """(n - 1, 4) the merges of positions (n, 3), n > 1, in scipy's form: what a dendrogram shows.
 
-    Agglomerative clustering with Ward's linkage (Murtagh & Legendre 2014) on Euclidean distance, cut by `maxclust`.
-    Fewer clusters come back when there are fewer distinct positions.
+    Agglomerative clustering with Ward's linkage (Murtagh & Legendre 2014) on Euclidean distance: each merge is the one
+    that adds least to the sum of squared distances from the clusters' centroids (Eq. 4.2).
+    """
+    merges: Array = linkage(positions_enu_m, method="ward", metric="euclidean")
+    return merges
+
+
+def ward_clusters(positions_enu_m: Array, clusters: int) -> list[NDArray[np.int64]]:
+    """At most `clusters` disjoint index arrays that together hold every position (n, 3) once (Eq. 4.3), each rising.
+
+    Ward's merges, cut by `maxclust`. Fewer clusters come back when there are fewer distinct positions.
     """
     positions = np.asarray(positions_enu_m, dtype=np.float64).reshape(-1, 3)
     if len(positions) < 2 or clusters < 2:
         return [np.arange(len(positions))] if len(positions) else []
-    labels = fcluster(linkage(positions, method="ward", metric="euclidean"), t=clusters, criterion="maxclust")
+    labels = fcluster(ward_linkage(positions), t=clusters, criterion="maxclust")
     return [np.flatnonzero(labels == label) for label in np.unique(labels)]
 
 
