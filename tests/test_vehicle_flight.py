@@ -47,7 +47,7 @@ def test_route_is_flown_photographed_and_ends_on_the_pad(tmp_path: Path) -> None
 
 
 def test_battery_falls_by_the_rate_per_metre(tmp_path: Path) -> None:
-    world = World(mission(), tmp_path)
+    world = World(mission(battery={"model": "distance"}), tmp_path)
     world.share_map(open_map(world.mission))
     world.upload(route([(0, -10, 5), (10, -10, 5)], home_after=True), 1)
     assert world.run(120, lambda: flown(world))
@@ -146,7 +146,7 @@ def separation(world: World) -> float:
 
 
 def test_at_the_threshold_remaining_views_are_given_back(tmp_path: Path) -> None:
-    world = World(mission(battery={"start_percent": [24.0], "threshold_percent": 20.0}), tmp_path)
+    world = World(mission(battery={"start_percent": [22.0], "threshold_percent": 20.0}), tmp_path)
     world.share_map(open_map(world.mission))
     world.upload(route([(x, -10, 5) for x in (-10, 10, -10, 10, -9, 9)]), 1)
     assert world.run(200, lambda: flown(world))
@@ -266,7 +266,7 @@ def test_a_new_plan_in_flight_takes_over_after_the_present_leg(tmp_path: Path) -
 @pytest.mark.parametrize(("points", "kind"), [([(0.0, -60.0, 5.0)], "fence"), ([(0.0, -2.5, 5.0)], "clearance"),
                                               ([(0.0, 9.0 * (-1) ** n, 5.0) for n in range(120)], "energy")])
 def test_a_plan_is_refused_whole(tmp_path: Path, points: list[tuple[float, float, float]], kind: str) -> None:
-    world = World(mission(), tmp_path)
+    world = World(mission(battery={"start_percent": [50.0]}), tmp_path)
     world.share_map(open_map(world.mission, [BOX]))
     world.upload(route(points), 1)
     world.run(5)

@@ -1,10 +1,16 @@
-"""Battery by Algorithm 1 of the thesis: percent per metre flown, and optionally percent per second in the air."""
+"""The simulated battery: no cell is modelled, it holds what the model of consumption leaves of it.
+
+It spends along the motion that was flown: by the power model integrated over velocity and acceleration, or by
+Algorithm 1 of the thesis, percent per metre (`battery.model` of the mission).
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from missions.frames import Array
+from planning.trajectories import Curve
+from planning.trajectories.energy import Energy
 
 
 def consume(points_m: Array, max_percent: float, percent_per_m: float) -> tuple[Array, Array]:
@@ -18,14 +24,9 @@ def consume(points_m: Array, max_percent: float, percent_per_m: float) -> tuple[
 class Battery:
     """The level of one vehicle's battery."""
 
-    def __init__(self, level_percent: float, percent_per_m: float, hover_percent_per_s: float = 0.0) -> None:
-        self.level_percent = level_percent
-        self._per_m, self._per_s = percent_per_m, hover_percent_per_s
+    def __init__(self, level_percent: float, energy: Energy) -> None:
+        self.level_percent, self.energy = level_percent, energy
 
-    def spend(self, distance_m: float, airborne_s: float) -> None:
-        """Take off what was flown since the last call; the level never falls below zero."""
-        self.level_percent = max(0.0, self.level_percent - self.cost_percent(distance_m, airborne_s))
-
-    def cost_percent(self, distance_m: float, airborne_s: float = 0.0) -> float:
-        """What a flight of this length and time takes."""
-        return self._per_m * distance_m + self._per_s * airborne_s
+    def spend(self, curve: Curve, from_s: float, to_s: float) -> None:
+        """Take off what flying this part of a curve takes; the level never falls below zero."""
+        self.level_percent = max(0.0, self.level_percent - self.energy.curve_percent(curve, from_s, to_s))

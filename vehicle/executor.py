@@ -12,17 +12,16 @@ from missions.mavlink import Route, Waypoint
 from missions.messages import LegReport, ShutterRequest
 from missions.mission import BatterySpec
 from planning.trajectories import Via, straight_run
+from planning.trajectories.energy import stops_percent
 from vehicle.battery import Battery
 from vehicle.camera import CameraPayload
 from vehicle.pilot import Outcome, Pilot
-from vehicle.plan_check import RESERVE_PERCENT
 from vehicle.simulator import NS
+from vehicle.way_home import WayHome
 
 STANDBY, TAKEOFF, MISSION, HOLD, RETURN, LAND, EMERGENCY = (
     "standby", "takeoff", "mission", "hold", "return", "land", "emergency")
 VERTICAL_SPEED_M_S = 1.5
-HOME_DETOUR = 1.3
-"""Ways home are reckoned this much longer than straight."""
 
 
 @dataclass
@@ -57,6 +56,7 @@ class Executor:
         self._next: tuple[Route, list[list[int]]] | None = None
         self._spec = spec
         self._vertical = replace(pilot.limits, speed_m_s=min(pilot.limits.speed_m_s, VERTICAL_SPEED_M_S))
+        self.way_home = WayHome(battery.energy, hover_enu_m, pad_enu_m, pilot.limits, pilot.slow, self._vertical)
         self._passing: list[tuple[int, int]] = []
         self._target: int | None = None
         self._jump_to: int | None = None
@@ -122,6 +122,12 @@ class Executor:
             if self.mode == MISSION and self.pilot.simulator.end_ns > t_ns and outcome == "energy":
                 return  # the leg under way is within the reserve; its picture is taken first
             self._report_rest(outcome or "unreachable")
+            self._halt(t_ns, RETURN)
+
+    def return_now(self, t_ns: int) -> None:
+        """Return at once, out of a leg under way as well: what is left is needed for the way home."""
+        if self.mode in (MISSION, HOLD, TAKEOFF):
+            self._report_rest("energy")
             self._halt(t_ns, RETURN)
 
     def land_here(self, t_ns: int) -> None:
@@ -280,12 +286,13 @@ class Executor:
             self.pilot.make_room(t_ns, idle=True)
 
     def _energy_for(self, vias: list[Via], t_ns: int) -> bool:
-        """Above the threshold, and enough for this run and the way home after it."""
-        leg = float(np.linalg.norm(vias[-1].position - self.pilot.position(t_ns)))
-        home = HOME_DETOUR * float(np.linalg.norm(vias[-1].position - self.hover)) + abs(self.hover[2] - self.pad[2])
-        cost = self.battery.cost_percent(leg + home, (leg + home) / self.pilot.limits.speed_m_s)
-        level, threshold = self.battery.level_percent, self._spec.threshold_percent
-        return level > threshold and level - cost >= min(RESERVE_PERCENT, threshold)
+        """Above the threshold, and enough for this run and the way home from any of its waypoints."""
+        points = np.array([self.pilot.position(t_ns), *(v.position for v in vias)])
+        settle_s = np.array([v.settle_s for v in vias])
+        legs = stops_percent(self.battery.energy, points, settle_s, self.pilot.limits)
+        need = float(np.max(np.cumsum(legs) + self.way_home.percent(points[1:])))
+        level = self.battery.level_percent
+        return level > self._spec.threshold_percent and level - need >= self._spec.reserve_percent
 
     def _may_turn_back(self) -> bool:
         return self.mode == RETURN and self._views_left() and self.battery.level_percent > self._spec.threshold_percent

@@ -19,6 +19,11 @@ class Condition:
     t_ns: int
     battery_percent: float
     threshold_percent: float
+    reserve_percent: float
+    home_percent: float
+    """What coming home takes, with a detour and a wait."""
+    least_home_percent: float
+    """What coming home takes if the way is free."""
     ground_heard_ns: int
     ground_takes_part: bool
 
@@ -43,8 +48,12 @@ def _finish_and_return(executor: Executor, t_ns: int) -> None:
 
 
 RULES = (
-    Rule("battery empty: landing here", 0, lambda c: c.battery_percent <= EMERGENCY_PERCENT,
+    Rule("battery too low to come home: landing here", 0,
+         lambda c: c.battery_percent <= max(EMERGENCY_PERCENT, c.least_home_percent),
          lambda executor, t_ns: executor.land_here(t_ns)),
+    Rule("battery needed for the way home: returning", 1,
+         lambda c: c.battery_percent <= c.home_percent + c.reserve_percent,
+         lambda executor, t_ns: executor.return_now(t_ns)),
     Rule("battery at threshold: returning", 2, lambda c: c.battery_percent <= c.threshold_percent,
          lambda executor, t_ns: executor.go_home(t_ns, "energy")),
     Rule("ground silent: finishing the plan, then returning", 3, lambda c: c.ground_silent, _finish_and_return),

@@ -39,7 +39,6 @@ class KinematicSimulator:
     def __init__(self, position_enu_m: Array, yaw_enu_rad: float) -> None:
         self.flight = resting(position_enu_m, yaw_enu_rad, 0.0)
         self.start_ns = 0
-        self._last = np.array(position_enu_m, dtype=np.float64)
 
     def fly(self, flight: Flight, t_ns: int) -> None:
         """Follow this flight from now; it must begin in the present state."""
@@ -58,12 +57,6 @@ class KinematicSimulator:
         """The kinematics at a time."""
         t = self.elapsed_s(t_ns)
         return Kinematics(self.flight.curve.state(t), *self.flight.attitude(t))
-
-    def moved_m(self, position_enu_m: Array) -> float:
-        """Distance from where this was last asked for."""
-        distance = float(np.linalg.norm(position_enu_m - self._last))
-        self._last = position_enu_m
-        return distance
 
 
 def resting(position_enu_m: Array, yaw_enu_rad: float, gimbal_elevation_rad: float) -> Flight:

@@ -36,6 +36,7 @@ from missions.mission import Mission
 from missions.pads import geofence, hover_points, takeoff_columns, takeoff_points
 from missions.topics import Topic
 from planning.trajectories import Limits
+from planning.trajectories.energy import energy_of
 from vehicle.autopilot import Autopilot
 from vehicle.avoidance import Avoidance
 from vehicle.battery import Battery
@@ -58,8 +59,9 @@ IDLE_STATE_NS = NS
 class Vehicle:
     """All that one vehicle does in a tick. Decisions depend on deliveries and simulated time alone."""
 
-    def __init__(self, mission: Mission, site: SiteBrief, vehicle_id: int, storage: Path) -> None:
-        """storage: folder of the vehicle's own memory card."""
+    def __init__(self, mission: Mission, site: SiteBrief, vehicle_id: int, storage: Path,
+                 memory: SensorMemory | None = None) -> None:
+        """storage: folder of the vehicle's own memory card. memory: what it knows of space; nothing when left out."""
         self.id, self.mission = vehicle_id, mission
         fleet, n = mission.fleet, vehicle_id - 1
         pad = np.array(takeoff_points(mission, site)[n])
@@ -67,9 +69,9 @@ class Vehicle:
         self.fence = geofence(mission, site)
         self.site = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
         battery = mission.battery
-        self.battery = Battery(battery.start_of(vehicle_id), battery.percent_per_m)
+        self.battery = Battery(battery.start_of(vehicle_id), energy_of(mission))
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)
-        self.memory = SensorMemory(*self.fence, mission.explore.voxel_m, fleet.range_sensor_m,
+        self.memory = memory or SensorMemory(*self.fence, mission.explore.voxel_m, fleet.range_sensor_m,
                                    takeoff_columns(mission, site))
         self.teammates = Teammates(vehicle_id)
         self.avoidance = Avoidance(self.memory, self.teammates, fleet, self.fence, mission.seed * 1000 + vehicle_id)
@@ -90,11 +92,11 @@ class Vehicle:
 
     def step(self, t_ns: int, deliveries: list[Delivery], participants: frozenset[str]) -> list[Outgoing]:
         """One tick: take in, move, decide, tell. Returns (topic, message, id in the key)."""
-        elapsed_s, self._t_ns = (t_ns - self._t_ns) / NS, t_ns
+        if self.executor.flying:
+            self.battery.spend(self.simulator.flight.curve, *map(self.simulator.elapsed_s, (self._t_ns, t_ns)))
+        self._t_ns = t_ns
         self._ground_takes_part = GROUND in participants
         self.teammates.note_participants(participants)
-        now = self.simulator.at(t_ns)
-        self.battery.spend(self.simulator.moved_m(now.state.position), elapsed_s if self.executor.flying else 0.0)
         for delivery in deliveries:
             self._receive(delivery)
         self._guard(t_ns)
@@ -160,8 +162,8 @@ class Vehicle:
             route = route_from_items(items, self.site, announced.plan_id)
         except ProtocolError as e:
             return self._verdict(announced.plan_id, sha256, f"items: {e}")
-        reason = refusal(route, self.pilot.position(self._t_ns), self.executor.hover, self.fence, self.mission.fleet,
-                         self.mission.battery.threshold_percent, self.avoidance, self.battery)
+        reason = refusal(route, self.pilot.position(self._t_ns), self.fence, self.mission.fleet, self.mission.battery,
+                         self.avoidance, self.battery, self.executor.way_home)
         if not reason:
             self._accepted = announced
             self.executor.take(route, _item_groups(items))
@@ -174,7 +176,9 @@ class Vehicle:
         return not reason
 
     def _guard(self, t_ns: int) -> None:
-        condition = Condition(t_ns, self.battery.level_percent, self.mission.battery.threshold_percent,
+        here, way_home, spec = self.pilot.position(t_ns), self.executor.way_home, self.mission.battery
+        condition = Condition(t_ns, self.battery.level_percent, spec.threshold_percent, spec.reserve_percent,
+                              float(way_home.percent(here)), float(way_home.least_percent(here)),
                               self._ground_heard_ns, self._ground_takes_part)
         rule = self.failsafe.step(condition, self.executor)
         if rule is not None:

@@ -15,8 +15,7 @@ from scipy.ndimage import map_coordinates
 
 from missions.frames import Array
 from missions.mission import AirframeSpec, Mission, WindSpec
-from planning.trajectories.curve import Curve, State
-from planning.trajectories.leg import Leg, Limits, leg_time_s
+from planning.trajectories import Curve, Limits, State, Via, fly_run, leg_time_s
 from planning.trajectories.power import PowerModel, fit
 
 STEP_S = 0.5
@@ -122,7 +121,8 @@ class PowerEnergy:
         return np.stack([self._mean_power_w(float(length), directions) for length in LENGTHS_M])
 
     def _mean_power_w(self, length_m: float, directions: Array) -> Array:
-        leg = Leg(State.at_rest(np.zeros(3)), np.array([length_m, 0.0, 0.0]), self.limits)
+        goal = Via(np.array([length_m, 0.0, 0.0]), 0.0)
+        leg = fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, [goal], self.limits).curve
         t_s, weight_s = quadrature(leg, 0.0, None)
         _, velocity, acceleration = leg.at(t_s)
         watts = self.model.power_w(velocity[:, 0, None, None, None] * directions,
@@ -140,6 +140,16 @@ def energy_of(mission: Mission) -> Energy:
 @lru_cache(maxsize=16)
 def _power_energy(airframe: AirframeSpec, wind: WindSpec, limits: Limits) -> PowerEnergy:
     return PowerEnergy(fit(airframe), 3600.0 * airframe.battery_wh, np.array(wind.velocity_enu_m_s), limits)
+
+
+def stops_percent(energy: Energy, points_enu_m: Array, rest_s: Array | float, limits: Limits) -> Array:
+    """(k,) of flying from each of the points (k + 1, 3) straight to the next, stopping at each for rest_s (k,).
+
+    That is the most that a flight over these points takes: what is passed at speed costs less.
+    """
+    displacement = np.diff(points_enu_m, axis=0)
+    length = np.linalg.norm(displacement, axis=1)
+    return energy.leg_percent(displacement, length, leg_time_s(length, limits) + rest_s)
 
 
 def quadrature(curve: Curve, from_s: float, to_s: float | None) -> tuple[Array, Array]:
