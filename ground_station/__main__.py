@@ -11,6 +11,7 @@ from typing import Any
 from ground_station.director import Director
 from ground_station.fleet import Fleet
 from ground_station.ingest import Ingest
+from ground_station.prior import open_prior
 from ground_station.progress import Progress
 from ground_station.recorder import Recorder
 from ground_station.survey_views import check_survey
@@ -53,7 +54,7 @@ def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
     ingest, recorder = Ingest(run, anchor, mission.clock.epoch_utc), Recorder(run, mission, site)
     fleet = Fleet(mission, site, bus, ingest, recorder)
     try:
-        director = Director(mission, site, fleet, bus, recorder)
+        director = Director(mission, site, fleet, bus, recorder, open_prior(mission, run, site))
         while True:
             turn = clock.next()
             fleet.receive(turn)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ground_station.prior import Prior
 from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import geofence
 from missions.sensors import RANGE_DIRECTIONS
-from planning.paths import NoPath, Reach, VoxelField, plan_path, reachable
+from planning.paths import NoPath, ObstacleField, Reach, VoxelField, plan_path, reachable
 
 PLAN_MARGIN_M = 0.1
 """Planned beyond the demanded clearance: MAVLink rounds positions to about 1 cm, vehicles check what arrives."""
@@ -26,20 +27,21 @@ LEAST_ESCAPE_M = 0.5
 class Airspace:
     """Where vehicles may fly, as known at one moment."""
 
-    field: VoxelField
+    field: ObstacleField
     clearance_m: float
     separation_m: float
     lower_enu_m: Array
     upper_enu_m: Array
 
     @classmethod
-    def of(cls, grid: VoxelGrid, mission: Mission, site: SiteBrief) -> Airspace:
-        """The airspace of a map; unknown is not free."""
+    def of(cls, grid: VoxelGrid, mission: Mission, site: SiteBrief, prior: Prior | None = None) -> Airspace:
+        """The airspace of a map, where unknown is not free; or that of the prior model, where there is one."""
         lower, upper = geofence(mission, site)
-        return cls(VoxelField.from_grid(grid), mission.fleet.clearance_m + PLAN_MARGIN_M, mission.fleet.separation_m,
+        field = VoxelField.from_grid(grid) if prior is None else prior.field
+        return cls(field, mission.fleet.clearance_m + PLAN_MARGIN_M, mission.fleet.separation_m,
                    lower, upper)
 
-    def around(self, start_enu_m: Array, teammates_enu_m: list[Array]) -> VoxelField:
+    def around(self, start_enu_m: Array, teammates_enu_m: list[Array]) -> ObstacleField:
         """The field with a sphere about every place where a teammate is or will hover. A teammate that is already
         near gets a smaller one, so that a start is never inside."""
         wanted = self.separation_m + TEAMMATE_MARGIN_M - self.clearance_m
@@ -75,14 +77,14 @@ class Airspace:
         except NoPath:
             return None
 
-    def _reach(self, field: VoxelField, start_enu_m: Array) -> Reach:
+    def _reach(self, field: ObstacleField, start_enu_m: Array) -> Reach:
         """From the start, by whichever wide place around it leads on; where none is near, from the nearest."""
         reach = reachable(field, start_enu_m, self.clearance_m)
         if np.isfinite(reach.distance_m).any():
             return reach
         return reachable(field, self.wide_place(field, start_enu_m), self.clearance_m)
 
-    def wide_place(self, field: VoxelField, start_enu_m: Array) -> Array:
+    def wide_place(self, field: ObstacleField, start_enu_m: Array) -> Array:
         """The start itself when it has the clearance. A newer map may have taken it away where a vehicle hovers; then
         the nearest place that has it, along a straight way that does not come nearer to anything (the vehicle, which
         has a range sensor, decides whether it flies there). The start when there is no such place."""

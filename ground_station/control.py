@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ground_station.fleet import Drone, Fleet
+from ground_station.prior import Prior
 from ground_station.recorder import Recorder
 from missions import topics
 from missions.bus import Bus
@@ -23,14 +24,17 @@ MAX_RESCUES = 2
 class Control:
     """The mission's means, the same for every phase."""
 
-    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder) -> None:
-        self.mission, self.site, self.fleet, self.recorder = mission, site, fleet, recorder
+    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder,
+                 prior: Prior | None = None) -> None:
+        self.mission, self.site, self.fleet, self.recorder, self.prior = mission, site, fleet, recorder, prior
         self._bus = bus
         self._sent_grid: VoxelGrid | None = None
         self._rescues: dict[int, int] = {}
 
     def send_map(self, grid: VoxelGrid) -> None:
-        """The map that is planned on, to the vehicles, when it has changed."""
+        """The map that is planned on, to the vehicles, when it has changed: this one, or the prior model's."""
+        if self.prior is not None:
+            grid = self.prior.grid
         if self._sent_grid is None or not np.array_equal(self._sent_grid.state, grid.state):
             self._bus.publish(topics.MAP_SNAPSHOT, grid.to_message(self.fleet.t_ns))
             self._sent_grid = grid

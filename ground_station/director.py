@@ -9,9 +9,10 @@ from typing import Literal
 from ground_station.control import Control
 from ground_station.explore_phase import ExplorePhase
 from ground_station.fleet import Drone, Fleet, Stage
+from ground_station.prior import Prior
 from ground_station.recorder import Recorder
 from ground_station.survey_phase import SurveyPhase
-from ground_station.survey_views import known_outside
+from ground_station.survey_views import known_space
 from missions.bus import Bus
 from missions.clock import SECOND_NS
 from missions.messages import SiteBrief, Status, VehicleStatus
@@ -25,8 +26,9 @@ Phase = Literal["explore", "survey", "return", "over"]
 class Director:
     """Decides what happens next, from what the fleet knows; the fleet carries it out."""
 
-    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder) -> None:
-        self._control = Control(mission, site, fleet, bus, recorder)
+    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder,
+                 prior: Prior | None = None) -> None:
+        self._control = Control(mission, site, fleet, bus, recorder, prior)
         self._fleet, self._recorder = fleet, recorder
         self._explore = ExplorePhase(self._control) if mission.explore.enabled else None
         self._survey: SurveyPhase | None = None
@@ -34,7 +36,8 @@ class Director:
         self._wall = time.monotonic()
         self.phase: Phase = "explore" if mission.explore.enabled else "survey" if mission.survey.enabled else "return"
         recorder.begin(self.phase, 0)
-        self._control.send_map(known_outside(mission, site) if self._explore is None else self._explore.explorer.grid)
+        self._control.send_map(self._explore.explorer.grid if self._explore is not None else
+                               known_space(mission, site, prior))
 
     def step(self) -> None:
         """One turn, after the fleet has received and before it sends."""

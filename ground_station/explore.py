@@ -11,6 +11,7 @@ import numpy as np
 from ground_station.airspace import Airspace, joined
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
+from ground_station.prior import Prior
 from missions.camera import Pose
 from missions.frames import Array, forward_enu
 from missions.grid import VoxelGrid
@@ -84,8 +85,8 @@ class Decision:
 class Explorer:
     """The shared map and the search over it."""
 
-    def __init__(self, mission: Mission, site: SiteBrief) -> None:
-        self._mission, self._site = mission, site
+    def __init__(self, mission: Mission, site: SiteBrief, prior: Prior | None = None) -> None:
+        self._mission, self._site, self._prior = mission, site, prior
         self.map = ExplorerMap(*geofence(mission, site), mission.explore.voxel_m)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
         for lower, upper in takeoff_columns(mission, site):
@@ -138,7 +139,7 @@ class Explorer:
 
     def decide(self, asking: list[Asking], busy: list[Busy]) -> Decision:
         """Next views for the hovering vehicles over the map as `refresh` left it."""
-        field, airspace = self._field(), Airspace.of(self.grid, self._mission, self._site)
+        field, airspace = self._field(), Airspace.of(self.grid, self._mission, self._site, self._prior)
         reaches = {a.vehicle_id: airspace.reach(a.position_enu_m, _mates(a, asking, busy)) for a in asking}
         queries = [self._query(a, reaches[a.vehicle_id]) for a in asking]
         claimed = [b.goal for b in busy if b.goal is not None]

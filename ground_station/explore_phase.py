@@ -16,7 +16,7 @@ class ExplorePhase:
     def __init__(self, control: Control) -> None:
         self._control, self._mission = control, control.mission
         self._fleet, self._recorder = control.fleet, control.recorder
-        self.explorer = Explorer(control.mission, control.site)
+        self.explorer = Explorer(control.mission, control.site, control.prior)
         self._legs: dict[int, Leg] = {}
         self._column_flown: set[int] = set()
         self._done_exploring: set[int] = set()

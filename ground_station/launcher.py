@@ -21,6 +21,7 @@ import msgspec
 from missions.errors import UserError
 from missions.mission import Mission
 from missions.mission_file import find_mission, load_mission, write_mission
+from missions.prior_file import load_prior
 from missions.run_folder import RunFolder
 
 log = logging.getLogger(__name__)
@@ -177,6 +178,8 @@ def prepare(options: argparse.Namespace) -> tuple[Mission, RunFolder]:
     if options.scene and options.scene not in BUILT_IN_SCENES and not Path(options.scene).exists():
         raise UserError(f"--scene {options.scene}: neither a file or folder nor one of "
                         f"{', '.join(BUILT_IN_SCENES)}; check the name.")
+    if mission.prior_path:
+        load_prior(Path(mission.prior_path))
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     root = Path(options.run) if options.run else Path("runs") / f"{stamp}-{path.stem}"
     if root.exists() and any(root.iterdir()):

@@ -10,7 +10,7 @@ from ground_station.explore import Explorer
 from ground_station.fleet import Drone, Stage
 from ground_station.ledger import ENERGY
 from ground_station.survey import Flyer, Survey
-from ground_station.survey_views import known_outside, survey_views
+from ground_station.survey_views import known_space, survey_views
 from missions.clock import SECOND_NS
 
 log = logging.getLogger(__name__)
@@ -26,13 +26,14 @@ class SurveyPhase:
         flyers = [self._flyer(d) for d in self._fleet.drones.values() if d.available]
         if explorer is not None:
             explorer.refresh()
-        grid = known_outside(control.mission, control.site) if explorer is None else explorer.grid
+        prior = control.prior
+        grid = explorer.grid if explorer is not None else known_space(control.mission, control.site, prior)
         control.send_map(grid)
         if explorer is not None:
             self._recorder.write_map(grid, explorer.map.surface())
         explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
-        views = survey_views(control.mission, control.site, grid, explored, [f.position_enu_m for f in flyers])
-        self._airspace = Airspace.of(grid, control.mission, control.site)
+        views = survey_views(control.mission, control.site, grid, explored, [f.position_enu_m for f in flyers], prior)
+        self._airspace = Airspace.of(grid, control.mission, control.site, prior)
         self.survey = Survey(views, control.mission.survey)
         self.survey.allocate(flyers, self._fleet.t_ns / SECOND_NS)
         log.info("survey: %d views for %d vehicles", len(views), len(flyers))

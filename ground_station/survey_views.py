@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ground_station.airspace import Airspace
+from ground_station.prior import Prior
 from ground_station.views_file import read_views
 from missions.camera import Pose, View
 from missions.errors import UserError
@@ -28,9 +29,16 @@ CANDIDATE_STEP_M = 2.0
 
 def check_survey(mission: Mission) -> None:
     """Whether the mission's survey can be flown at all. Raises UserError."""
-    if mission.survey.enabled and not mission.explore.enabled and mission.survey.views != "file":
+    if not mission.survey.enabled or mission.explore.enabled or mission.survey.views == "file":
+        return
+    if mission.survey.views != "map" or mission.knowledge == "none":
         raise UserError("mission: survey.views = "
                         f'"{mission.survey.views}" needs explore.enabled = true; explore first or give a views file.')
+
+
+def known_space(mission: Mission, site: SiteBrief, prior: Prior | None) -> VoxelGrid:
+    """What is known without exploration: what the prior model says, else what lies outside the object's box."""
+    return known_outside(mission, site) if prior is None else prior.grid
 
 
 def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
@@ -47,7 +55,7 @@ def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
 
 
 def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: Sequence[Pose],
-                 starts_enu_m: list[Array]) -> list[View]:
+                 starts_enu_m: list[Array], prior: Prior | None = None) -> list[View]:
     """The survey's views with ids from FIRST_VIEW_ID up. explored: the exploration's poses that may be flown again."""
     spec = mission.survey
     if spec.views == "file":
@@ -55,14 +63,14 @@ def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: S
     elif spec.views in ("exploration", "frames"):
         poses = list(explored[: spec.max_views])
     else:
-        poses = _planned(mission, site, grid, starts_enu_m)
+        poses = _planned(mission, grid, Airspace.of(grid, mission, site, prior), site, starts_enu_m)
     return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]
 
 
-def _planned(mission: Mission, site: SiteBrief, grid: VoxelGrid, starts_enu_m: list[Array]) -> list[Pose]:
+def _planned(mission: Mission, grid: VoxelGrid, airspace: Airspace, site: SiteBrief,
+             starts_enu_m: list[Array]) -> list[Pose]:
     if not starts_enu_m:
         return []
-    airspace = Airspace.of(grid, mission, site)
     positions = lattice_positions(*camera_bounds(mission, site), CANDIDATE_STEP_M)
     positions = positions[airspace.clear_at(positions)]
     far = np.array([airspace.reach(start, []).distance_to(positions) for start in starts_enu_m])

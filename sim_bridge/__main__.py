@@ -26,6 +26,7 @@ from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
 from sim_bridge.render.renderer import make_renderer
+from sim_bridge.scenes.export import export_mesh
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
 from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
@@ -56,6 +57,8 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
         check_columns(mission, site, truth)
         coverage = _coverage(mission, scene, site, truth)
         write_reference(folder, scene, site)
+        if mission.knowledge == "mesh" and not mission.prior_path:
+            export_mesh(scene, folder.prior)
         with closing(make_renderer(scene, mission.render, mission.camera, mission.seed)) as renderer:
             clock = ClockServer(bus, mission.clock, without_scene(mission).mission_hash, site)
             world = World(bus, clock, mission, truth, renderer, coverage)

@@ -1,4 +1,5 @@
-"""Writing a scene in the layout of the thesis's Figure 4.2: NAME.obj, NAME.mtl, textures, bbox/NAME_bbox_bounds.obj."""
+"""Writing a scene: in the layout of the thesis's Figure 4.2 (NAME.obj, NAME.mtl, textures, bbox/NAME_bbox_bounds.obj),
+or its bare triangles in one file."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import PIL.Image
+import trimesh
 from numpy.typing import NDArray
 
 from missions.errors import UserError
@@ -32,6 +34,11 @@ def export_scene(scene: Scene, folder: Path) -> Path:
     except OSError as e:
         raise UserError(f"{home}: cannot be written ({e.strerror}); choose another folder.") from e
     return home
+
+
+def export_mesh(scene: Scene, path: Path) -> None:
+    """Write all triangles of a scene, surroundings included, ENU metres, in the format that the path's suffix names."""
+    trimesh.Trimesh(*scene.mesh(), process=False).export(path)
 
 
 def _plain(name: str) -> str:
