@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from missions.errors import UserError
 from missions.mission import Mission
 from missions.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 def prior_file(mission: Mission, run: RunFolder) -> Path | None:
@@ -21,6 +24,8 @@ def prior_file(mission: Mission, run: RunFolder) -> Path | None:
 
 def load_prior(path: Path) -> trimesh.Trimesh:
     """A GLB, OBJ, PLY or STL file in ENU metres as one mesh, its vertices and faces as they are. Raises UserError."""
+    import trimesh  # vehicles without a prior model do without it
+
     if not path.is_file():
         raise UserError(f"{path}: no such prior model; correct prior_path.")
     try:

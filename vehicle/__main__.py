@@ -13,11 +13,16 @@ from missions import topics
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import SimClock, vehicle_name
 from missions.errors import LinkError, UserError
+from missions.messages import SiteBrief
 from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
+from missions.pads import geofence
+from missions.prior_file import load_prior, prior_file
 from missions.process import process_parser, run_process
 from missions.run_folder import RunFolder
 from missions.topics import Topic
+from planning.paths import MeshField, voxelised
+from vehicle.sensor_memory import SensorMemory
 from vehicle.vehicle import Vehicle
 
 OWN: tuple[Topic[Any], ...] = (topics.MAVLINK_DOWN, topics.PLAN_HASH, topics.PICTURE_ACK, topics.SENSOR_PICTURE,
@@ -60,11 +65,23 @@ def _fly(bus: Bus, mission: Mission, vehicle_id: int, folder: RunFolder) -> None
     for topic in SHARED:
         bus.subscribe(topic)
     clock = SimClock(bus, mission.mission_hash)
-    vehicle = Vehicle(mission, clock.join(), vehicle_id, folder.sd_card(vehicle_id))
+    site = clock.join()
+    memory = SensorMemory.of(mission, site, open_prior(mission, folder, site))
+    vehicle = Vehicle(mission, site, vehicle_id, folder.sd_card(vehicle_id), memory)
     while not (turn := clock.next()).stop:
         for topic, message, who in vehicle.step(turn.t_ns, turn.deliveries, turn.participants):
             bus.publish(topic, message, who)
         clock.done(vehicle.wake_ns)
+
+
+def open_prior(mission: Mission, folder: RunFolder, site: SiteBrief) -> MeshField | None:
+    """The operator's model in the geofence; None where nothing is known before. Raises UserError."""
+    path = prior_file(mission, folder)
+    if path is None:
+        return None
+    mesh = load_prior(path)
+    voxels = voxelised(mesh.vertices, mesh.faces, *geofence(mission, site), mission.explore.voxel_m)
+    return MeshField.from_mesh(mesh.vertices, mesh.faces, voxels)
 
 
 class _Leave(Exception):  # noqa: N818 - a request, not an error

@@ -9,7 +9,7 @@ import numpy as np
 from missions.frames import Array
 from missions.mission import FleetSpec
 from missions.sensors import fibonacci_directions
-from planning.paths import NoPath, VoxelField, plan_path
+from planning.paths import NoPath, ObstacleField, plan_path
 from planning.trajectories import Flight
 from vehicle.sensor_memory import HIT_RADIUS_M, SensorMemory
 from vehicle.teammates import Conflict, Teammates
@@ -110,7 +110,7 @@ class Avoidance:
                     best = (away, goal)
         return None if best is None else best[1]
 
-    def _way_in(self, field: VoxelField, start: Array, goal: Array) -> Array:
+    def _way_in(self, field: ObstacleField, start: Array, goal: Array) -> Array:
         need = self._fleet.clearance_m + REPLAN_SPARE_M
         if field.clearance_m(goal)[0] < need:
             need = self._fleet.clearance_m
@@ -119,7 +119,7 @@ class Avoidance:
         wide = self._escape(field, start, need)
         return np.concatenate([start[None], plan_path(field, wide, goal, need, self._lower, self._upper, self._seed)])
 
-    def _escape(self, field: VoxelField, start: Array, need: float) -> Array:
+    def _escape(self, field: ObstacleField, start: Array, need: float) -> Array:
         """The nearest place with the clearance, along a straight way that does not come nearer to anything."""
         here = float(field.clearance_m(start)[0])
         for distance in ESCAPE_STEPS_M:
@@ -133,14 +133,14 @@ class Avoidance:
                     return np.asarray(goals[m])
         raise NoPath("start")
 
-    def _may_escape(self, field: VoxelField, start: Array, goal: Array, here_m: float) -> bool:
+    def _may_escape(self, field: ObstacleField, start: Array, goal: Array, here_m: float) -> bool:
         least = self._fleet.radius_m + BODY_SPARE_M
         if here_m >= least:
             return bool(field.segments_clear(start, goal, max(least, here_m - 0.1))[0])
         # The map calls the very place solid in which the vehicle hovers: there the range sensor alone is believed.
         return self.may_leave(start, goal)
 
-    def _field(self, start: Array, goal: Array, reach_m: float, t_ns: int) -> VoxelField:
+    def _field(self, start: Array, goal: Array, reach_m: float, t_ns: int) -> ObstacleField:
         field = self.memory.field(start, goal, reach_m)
         resting = self.teammates.resting(t_ns)
         # A sphere of this radius turns the clearance into the separation.

@@ -10,18 +10,23 @@ from numpy.typing import NDArray
 
 from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from missions.messages import RangeScan
+from missions.messages import RangeScan, SiteBrief
+from missions.mission import Mission
+from missions.pads import geofence, takeoff_columns
 from missions.sensors import RANGE_DIRECTIONS
-from planning.paths import VoxelField
+from planning.paths import MeshField, ObstacleField, VoxelField
 
 HIT_CELL_M = 0.25
 HIT_RADIUS_M = 0.2
 """A hit stands for the surface around it, which the rays beside it missed."""
 HIT_MEMORY_NS = 120_000_000_000
 FORGET_EVERY_NS = 10_000_000_000
+CORNERS = np.array([(i, j, k) for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
 GROUND_BAND_M = 0.3
 """Hits this low are the ground, which is known: it is the floor of the fence."""
 CROP_MARGIN_M = 1.5
+ON_FACE_M = 1e-3
+"""Hits this near to an occupied voxel belong to it."""
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -49,8 +54,10 @@ class SensorMemory:
     """
 
     def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float, reach_m: float,
-                 columns: list[tuple[Array, Array]]) -> None:
-        """columns: boxes (lower, upper) known to be free from the start."""
+                 columns: list[tuple[Array, Array]], prior: MeshField | None = None) -> None:
+        """columns: boxes (lower, upper) known to be free from the start. prior: the operator's model, which then says
+        what is solid and what is free, but for the hits."""
+        self._prior = prior
         self._lower, self._upper, self._reach, self._columns = lower_enu_m, upper_enu_m, reach_m, columns
         self.map_version = self.hit_version = 0
         self._keys: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
@@ -60,6 +67,12 @@ class SensorMemory:
         self._forget_ns = 0
         self._grid = VoxelGrid.unknown(lower_enu_m, upper_enu_m, voxel_m)
         self._swept: NDArray[np.bool_] = self._columns_swept()
+
+    @classmethod
+    def of(cls, mission: Mission, site: SiteBrief, prior: MeshField | None = None) -> SensorMemory:
+        """What a vehicle of this mission knows before it takes off."""
+        return cls(*geofence(mission, site), mission.explore.voxel_m, mission.fleet.range_sensor_m,
+                   takeoff_columns(mission, site), prior)
 
     def put_map(self, grid: VoxelGrid) -> None:
         """Take over the ground's newest map; the fence outside it stays unknown."""
@@ -90,18 +103,21 @@ class SensorMemory:
             keep &= np.linalg.norm(hits - teammate, axis=1) > near_teammate_m
         self._remember(hits[keep], scan.t_ns)
 
-    def field(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> VoxelField:
-        """The obstacles in the box around a and b, grown by margin_m and some more; everything outside is solid."""
+    def field(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
+        """The obstacles in the box around a and b, grown by margin_m and some more. Everything outside is solid,
+        unless a prior model knows better."""
         grown = margin_m + CROP_MARGIN_M
         lower, upper = np.minimum(a_enu_m, b_enu_m) - grown, np.maximum(a_enu_m, b_enu_m) + grown
+        near = self._new[np.all((self._new >= lower) & (self._new <= upper), axis=1)]
+        if self._prior is not None:
+            return self._prior.with_spheres(near, HIT_RADIUS_M)
         grid, shape = self._grid, np.array(self._grid.state.shape)
         lo = np.clip(grid.index(lower), 0, shape - 1)
         hi = np.clip(grid.index(upper) + 1, lo + 1, shape)
         crop = tuple(slice(p, q) for p, q in zip(lo, hi, strict=True))
         state = np.where(self._swept[crop] & (grid.state[crop] == UNKNOWN), FREE, grid.state[crop]).astype(np.uint8)
         part = VoxelGrid(grid.origin_enu_m + lo * grid.voxel_m, grid.voxel_m, state)
-        near = np.all((self._new >= lower) & (self._new <= upper), axis=1)
-        return VoxelField.from_grid(part).with_spheres(self._new[near], HIT_RADIUS_M)
+        return VoxelField.from_grid(part).with_spheres(near, HIT_RADIUS_M)
 
     def hits_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> bool:
         """Whether a segment keeps this distance from all that the sensor has hit and the map does not hold."""
@@ -141,7 +157,10 @@ class SensorMemory:
 
     def _note_new(self) -> None:
         """Hits in voxels that the map calls occupied add nothing: those voxels are solid as a whole."""
-        self._new = self._points[self._grid.state_at(self._points) != OCCUPIED]
+        new = self._points
+        for offset in ON_FACE_M * CORNERS:
+            new = new[self._grid.state_at(new + offset) != OCCUPIED]
+        self._new = new
 
     def _columns_swept(self) -> NDArray[np.bool_]:
         grid = self._grid

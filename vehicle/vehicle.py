@@ -33,7 +33,7 @@ from missions.messages import (
     VehicleState,
 )
 from missions.mission import Mission
-from missions.pads import geofence, hover_points, takeoff_columns, takeoff_points
+from missions.pads import geofence, hover_points, takeoff_points
 from missions.topics import Topic
 from planning.trajectories import Limits
 from planning.trajectories.energy import energy_of
@@ -71,8 +71,7 @@ class Vehicle:
         battery = mission.battery
         self.battery = Battery(battery.start_of(vehicle_id), energy_of(mission))
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)
-        self.memory = memory or SensorMemory(*self.fence, mission.explore.voxel_m, fleet.range_sensor_m,
-                                   takeoff_columns(mission, site))
+        self.memory = memory or SensorMemory.of(mission, site)
         self.teammates = Teammates(vehicle_id)
         self.avoidance = Avoidance(self.memory, self.teammates, fleet, self.fence, mission.seed * 1000 + vehicle_id)
         self.pilot = Pilot(vehicle_id, self.simulator, self.avoidance, Limits.of_fleet(fleet))
