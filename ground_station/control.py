@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ground_station.energy import EnergyBudget
 from ground_station.fleet import Drone, Fleet
 from ground_station.prior import Prior
 from ground_station.recorder import Recorder
@@ -14,8 +15,6 @@ from missions.messages import SiteBrief
 from missions.mission import Mission
 from planning.allocate.battery import range_m
 
-EXPLORE_ENERGY_SHARE = 0.5
-"""Share of the usable battery that exploration may take when a survey follows."""
 AWAY_M = 5.0
 MAX_RESCUES = 2
 """Times that a vehicle around which the map has closed is called home, on the way that it remembers, to start anew."""
@@ -27,6 +26,7 @@ class Control:
     def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder,
                  prior: Prior | None = None) -> None:
         self.mission, self.site, self.fleet, self.recorder, self.prior = mission, site, fleet, recorder, prior
+        self.energy = EnergyBudget(mission, site)
         self._bus = bus
         self._sent_grid: VoxelGrid | None = None
         self._rescues: dict[int, int] = {}
@@ -43,13 +43,13 @@ class Control:
         """Something a reader of the report should know, now."""
         self.recorder.note(self.fleet.t_ns, text)
 
+    def usable_percent(self, drone: Drone, exploring: bool) -> float:
+        """What a vehicle may still spend in this phase, the way home included."""
+        return self.energy.usable_percent(drone.vehicle_id, drone.battery_percent, exploring)
+
     def range_m(self, drone: Drone, exploring: bool) -> float:
         """What a vehicle may still fly in this phase, the way home included."""
-        battery = self.mission.battery
-        reserve = battery.threshold_percent
-        if exploring and self.mission.survey.enabled:
-            reserve += (1.0 - EXPLORE_ENERGY_SHARE) * max(0.0, battery.start_of(drone.vehicle_id) - reserve)
-        return range_m(drone.battery_percent, battery.percent_per_m, reserve)
+        return range_m(self.usable_percent(drone, exploring), self.mission.battery.percent_per_m)
 
     def may_rescue(self, drone: Drone) -> bool:
         """Whether it helps, and is still allowed, to call a shut-in vehicle home."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ground_station.airspace import Airspace, joined
+from ground_station.energy import EnergyBudget
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
 from ground_station.prior import Prior
@@ -31,8 +32,6 @@ CLIMB_M = 5.0
 """A vehicle takes its first pictures while it climbs this much over its hover point: depth needs the baseline."""
 GOAL_SPACING_M = 2.0
 """Goals of two vehicles are this much farther apart than fleet.separation_m."""
-DETOUR = 1.3
-"""Ways home are taken to be this much longer than a straight line."""
 CLIMB_PICTURES = 8
 """Close enough together that two of them see every voxel before the column; the map calls nothing free that only one
 picture looked through."""
@@ -46,13 +45,13 @@ MAX_FALLBACKS = 6
 
 @dataclass(frozen=True)
 class Asking:
-    """A hovering vehicle that wants a next view. range_m: what it may still fly, the way home included."""
+    """A hovering vehicle that wants a next view. usable_percent: of its battery, the way home included."""
 
     vehicle_id: int
     position_enu_m: Array
     yaw_enu_rad: float
     elevation_rad: float
-    range_m: float
+    usable_percent: float
 
 
 @dataclass(frozen=True)
@@ -89,6 +88,7 @@ class Explorer:
         self._mission, self._site, self._prior = mission, site, prior
         self.map = ExplorerMap(*geofence(mission, site), mission.explore.voxel_m)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
+        self._energy = EnergyBudget(mission, site)
         for lower, upper in takeoff_columns(mission, site):
             self.map.mark_free(lower, upper + np.array([0.0, 0.0, CLIMB_M]))
         self._lattice = build_lattice(*camera_bounds(mission, site), mission.explore)
@@ -214,12 +214,12 @@ class Explorer:
 
     def _query(self, a: Asking, reach: Reach) -> VehicleQuery:
         positions = self._lattice.positions_enu_m
-        home = DETOUR * np.linalg.norm(positions - self._hover[a.vehicle_id - 1], axis=1)
         way = reach.distance_to(positions)
         away = np.linalg.norm(positions - a.position_enu_m, axis=1) > LEAST_BASELINE_M
         if np.isfinite(way[away]).any():
             way[~away] = np.inf
-        return VehicleQuery(a.vehicle_id, a.position_enu_m, way, home, a.range_m)
+        affordable = self._energy.affordable(a.vehicle_id, a.position_enu_m, positions, way, a.usable_percent)
+        return VehicleQuery(a.vehicle_id, a.position_enu_m, way, affordable)
 
     def _leg(self, a: Asking, path: Array, goal: Pose) -> Leg:
         start = Pose((0.0, 0.0, 0.0), a.yaw_enu_rad, a.elevation_rad)

@@ -64,7 +64,7 @@ class ExplorePhase:
             if drone.vehicle_id not in self._column_flown:
                 self._column_flown.add(drone.vehicle_id)
                 self._fly_leg(drone, self.explorer.column(drone.vehicle_id))
-            elif self._decisions >= self._mission.explore.max_views or self._range_m(drone) <= 0.0:
+            elif self._decisions >= self._mission.explore.max_views or self._usable_percent(drone) <= 0.0:
                 self._done_exploring.add(drone.vehicle_id)
         asking = [d for d in ready if d.stage is Stage.READY and d.vehicle_id not in self._done_exploring]
         if any(d.vehicle_id not in self._asked for d in asking):
@@ -114,14 +114,14 @@ class ExplorePhase:
             return False
         return all(not d.available or d.vehicle_id in self._done_exploring for d in self._fleet.drones.values())
 
-    def _range_m(self, drone: Drone) -> float:
-        return self._control.range_m(drone, exploring=True)
+    def _usable_percent(self, drone: Drone) -> float:
+        return self._control.usable_percent(drone, exploring=True)
 
     def _asking(self, drone: Drone) -> Asking:
         state = drone.state
         assert state is not None
         return Asking(drone.vehicle_id, drone.position_enu_m, state.yaw_enu_rad, state.gimbal_elevation_rad,
-                      self._range_m(drone))
+                      self._usable_percent(drone))
 
     def _busy(self, drone: Drone) -> Busy:
         leg = self._legs.get(drone.vehicle_id)

@@ -9,6 +9,7 @@ from enum import Enum
 
 import numpy as np
 
+from ground_station.energy import EnergyBudget
 from ground_station.fleet_link import VehicleLink, arm, return_to_launch, takeoff
 from ground_station.ingest import Ingest, Picture
 from ground_station.recorder import Recorder
@@ -17,7 +18,7 @@ from missions.bus import Bus, Delivery
 from missions.clock import SECOND_NS, Turn, vehicle_name
 from missions.frames import Array, Site
 from missions.mavlink import Route, Waypoint
-from missions.messages import LegReport, MavlinkFrames, SiteBrief, VehicleState
+from missions.messages import BatterySwap, LegReport, MavlinkFrames, SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.pads import hover_points
 
@@ -26,6 +27,7 @@ log = logging.getLogger(__name__)
 LATE_PICTURE_S = 5.0
 """A plan is over this long after its last item even if a picture of it has not come."""
 TAKEOFF_TRIES = 3
+FULL_PERCENT = 100.0
 AT_HOVER_M, STANDING_M_S = 0.5, 0.05
 
 
@@ -37,6 +39,7 @@ class Stage(Enum):
     READY = "ready"
     FLYING = "flying"
     HOMING = "homing"
+    SWAPPING = "swapping"
     LOST = "lost"
 
 
@@ -53,7 +56,10 @@ class Drone:
     reports: list[LegReport] = field(default_factory=list)
     refused: str = ""
     spent: bool = False
-    """It came home by itself for lack of energy, or cannot take off: it flies no more."""
+    """It came home by itself for lack of energy, or cannot take off: it flies no more with this battery."""
+    swaps_left: int = 0
+    swapped: bool = False
+    """It has a fresh battery for a sortie that has not begun."""
     launches_failed: int = 0
     idle_since_ns: int = -1
 
@@ -97,10 +103,11 @@ class Fleet:
         anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
         self._origin_alt_m = mission.site.origin_alt_m
         hovers = hover_points(mission, site)
-        self.drones = {k: Drone(k, VehicleLink(k, anchor), np.array(hovers[k - 1]))
+        self.drones = {k: Drone(k, VehicleLink(k, anchor), np.array(hovers[k - 1]), swaps_left=mission.battery.swaps)
                        for k in range(1, mission.fleet.vehicles + 1)}
         self.t_ns = 0
         self.new_pictures: list[Picture] = []
+        self._energy = EnergyBudget(mission, site)
         self._plan_id = 0
 
     def receive(self, turn: Turn) -> None:
@@ -141,7 +148,8 @@ class Fleet:
         self._plan_id += 1
         drone.stage, drone.goal, drone.refused, drone.idle_since_ns = Stage.FLYING, waypoints[-1], "", -1
         drone.awaited = [w.view_id for w in waypoints if w.view_id is not None]
-        self._recorder.plan_begins(drone.vehicle_id, phase, len(drone.awaited), self.t_ns)
+        self._recorder.plan_begins(drone.vehicle_id, phase, len(drone.awaited), self.t_ns,
+                                   self._predicted_percent(drone, waypoints))
         drone.link.fly(Route(plan_id=self._plan_id, phase=phase, waypoints=waypoints))
 
     def home(self, drone: Drone) -> None:
@@ -149,6 +157,12 @@ class Fleet:
         self._leave_plan(drone, Stage.HOMING)
         drone.link.cancel()
         drone.link.command(return_to_launch())
+
+    def swap(self, drone: Drone) -> None:
+        """Have the battery of a parked vehicle changed."""
+        drone.stage, drone.swaps_left = Stage.SWAPPING, drone.swaps_left - 1
+        self._bus.publish(topics.BATTERY_SWAP, BatterySwap(vehicle_id=drone.vehicle_id), drone.vehicle_id)
+        self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id} gets a fresh battery")
 
     def in_stage(self, *stages: Stage) -> list[Drone]:
         """Vehicles in any of these stages, by id."""
@@ -198,12 +212,20 @@ class Fleet:
             self._leave_plan(drone, Stage.READY, flown=True)
         elif drone.stage is Stage.HOMING and not drone.link.busy and not state.flying:
             drone.stage = Stage.PARKED
+        elif drone.stage is Stage.SWAPPING and state.battery_percent == FULL_PERCENT and state.mode == "standby":
+            drone.stage, drone.spent, drone.swapped = Stage.PARKED, False, True
         if drone.stage in (Stage.READY, Stage.FLYING, Stage.LAUNCHING) and drone.link.returning:
             self._leave_plan(drone, Stage.HOMING)
             drone.spent = True
             drone.link.cancel()
             self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id} returns by itself at "
                                            f"{drone.battery_percent:.1f} %")
+
+    def _predicted_percent(self, drone: Drone, waypoints: list[Waypoint]) -> float | None:
+        if drone.state is None:
+            return None
+        return self._energy.route_percent(drone.position_enu_m, drone.state.yaw_enu_rad,
+                                          drone.state.gimbal_elevation_rad, waypoints)
 
     def _leave_plan(self, drone: Drone, stage: Stage, flown: bool = False) -> None:
         drone.stage, drone.goal = stage, None
@@ -236,7 +258,8 @@ class Fleet:
         elif drone.stage is Stage.LAUNCHING:
             drone.launches_failed += 1
             drone.stage = Stage.PARKED
-            drone.spent = drone.launches_failed >= TAKEOFF_TRIES
+            if drone.launches_failed >= TAKEOFF_TRIES:
+                drone.spent, drone.swaps_left = True, 0
         elif drone.stage is Stage.HOMING:
             drone.link.command(return_to_launch())
 

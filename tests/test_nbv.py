@@ -236,7 +236,7 @@ def test_goals_keep_apart_and_lie_within_range(vehicles: int, seed: int) -> None
         position = np.array([-15.0, -12.0 + 5.0 * v, 4.0])
         way = np.linalg.norm(lattice.positions_enu_m - position, axis=1)
         way[rng.random(len(way)) < 0.3] = np.inf
-        asking.append(VehicleQuery(v, position, way, home_m=way, range_m=50.0))
+        asking.append(VehicleQuery(v, position, way, affordable=2.0 * way <= 50.0))
     given_views = next_views(area, lattice, CAMERA, asking, busy, spec).assignments
     goals = np.array([a.pose.position_enu_m for a in given_views] + [busy[0].position_enu_m])
     apart = np.linalg.norm(goals[:, None] - goals[None], axis=-1)[~np.eye(len(goals), dtype=bool)]
@@ -279,10 +279,3 @@ def test_taken_views_are_not_given_again() -> None:
     taken[first.position_index, first.orientation_index] = True
     second = next_views(area, lattice, CAMERA, asking, [], SearchSpec(), taken).assignments[0]
     assert (first.position_index, first.orientation_index) != (second.position_index, second.orientation_index)
-
-
-def test_a_finite_range_needs_the_way_home() -> None:
-    lattice = house_lattice()
-    asking = VehicleQuery(3, np.zeros(3), np.ones(len(lattice.positions_enu_m)), range_m=10.0)
-    with pytest.raises(ValueError, match="vehicle 3"):
-        next_views(house_field(), lattice, CAMERA, [asking], [], SearchSpec())

@@ -30,10 +30,8 @@ class VehicleQuery:
     """(3,)"""
     distance_m: Array
     """(p,) way to every lattice position; inf where it cannot be reached."""
-    home_m: Array | None = None
-    """(p,) way home from every lattice position; needed when range_m is finite."""
-    range_m: float = float("inf")
-    """What the battery allows to fly, the way home included."""
+    affordable: NDArray[np.bool_] | None = None
+    """(p,) from which positions the battery still brings it home; None: from all."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +132,7 @@ def _gains(field: GainField, lattice: Lattice, camera: Camera, positions: NDArra
 def _cost(vehicle: VehicleQuery) -> Array:
     """(p,) way to every position, inf where the vehicle could not reach it and still fly home."""
     way = np.asarray(vehicle.distance_m, dtype=np.float64)
-    if not np.isfinite(vehicle.range_m):
-        return way
-    if vehicle.home_m is None:
-        raise ValueError(f"vehicle {vehicle.vehicle_id} has a finite range_m but no home_m")
-    return np.where(way + vehicle.home_m <= vehicle.range_m, way, np.inf)
+    return way if vehicle.affordable is None else np.where(vehicle.affordable, way, np.inf)
 
 
 def _near(lattice: Lattice, position_enu_m: Array, spec: SearchSpec) -> NDArray[np.bool_]:

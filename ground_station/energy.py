@@ -1,0 +1,57 @@
+"""What vehicles can still afford, and what plans will take out of their batteries."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.frames import Array
+from missions.mavlink import Waypoint
+from missions.messages import SiteBrief
+from missions.mission import Mission
+from missions.pads import hover_points
+from planning.trajectories import Limits, State, Via, fly_route, leg_time_s
+from planning.trajectories.energy import energy_of
+
+EXPLORE_ENERGY_SHARE = 0.5
+"""Share of the usable battery that exploration may take when a survey follows."""
+DETOUR = 1.3
+"""Ways home are taken to be this much longer than a straight line."""
+
+
+class EnergyBudget:
+    """Energy in percent of a full battery, by the mission's model of consumption."""
+
+    def __init__(self, mission: Mission, site: SiteBrief) -> None:
+        self._battery, self._survey = mission.battery, mission.survey.enabled
+        self._energy, self._limits = energy_of(mission), Limits.of_fleet(mission.fleet)
+        self._hover = [np.array(p) for p in hover_points(mission, site)]
+        self._tick_s = mission.clock.tick_s
+
+    def usable_percent(self, vehicle_id: int, level_percent: float, exploring: bool = False) -> float:
+        """What a vehicle at this level may spend until it is home again: above the threshold, and exploring only its
+        share of that when a survey follows. Negative when it should be home already."""
+        keep = self._battery.threshold_percent
+        if exploring and self._survey:
+            keep += (1.0 - EXPLORE_ENERGY_SHARE) * max(0.0, self._battery.start_of(vehicle_id) - keep)
+        return level_percent - keep
+
+    def affordable(self, vehicle_id: int, from_enu_m: Array, goals_enu_m: Array, way_m: Array,
+                   usable_percent: float) -> NDArray[np.bool_]:
+        """(n,) which goals (n, 3) a vehicle can fly to, on ways of these lengths (n,), and then home."""
+        home = self._hover[vehicle_id - 1] - goals_enu_m
+        there = self._legs(goals_enu_m - from_enu_m, np.where(np.isfinite(way_m), way_m, 0.0))
+        back = self._legs(home, DETOUR * np.linalg.norm(home, axis=1))
+        return np.asarray(np.isfinite(way_m) & (there + back <= usable_percent))
+
+    def route_percent(self, from_enu_m: Array, yaw_enu_rad: float, elevation_rad: float,
+                      waypoints: list[Waypoint]) -> float:
+        """Of flying these waypoints from hovering, as the vehicle will: smoothed, and a tick begun at every stop."""
+        vias = [Via(np.array(w.position_enu_m), w.yaw_enu_rad, w.gimbal_elevation_rad, w.stop, w.settle_s)
+                for w in waypoints]
+        flight = fly_route(State.at_rest(from_enu_m), yaw_enu_rad, elevation_rad, vias, self._limits)
+        begun_s = 0.5 * self._tick_s * sum(w.stop for w in waypoints)
+        return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(begun_s)
+
+    def _legs(self, displacement_enu_m: Array, length_m: Array) -> Array:
+        return self._energy.leg_percent(displacement_enu_m, length_m, leg_time_s(length_m, self._limits))
