@@ -108,6 +108,13 @@ class LegReport(Message, frozen=True, kw_only=True):
     detail: str = ""
 
 
+class BatterySwap(Message, frozen=True, kw_only=True):
+    """Ground to a vehicle on its pad, in place of the person who changes its battery (MAVLink knows no such command):
+    after `battery.swap_s` it is full."""
+
+    vehicle_id: int
+
+
 # --- vehicle state, for teammates and the referee --------------------------------------------------------------------
 
 

@@ -47,6 +47,7 @@ PICTURE_CHUNK = Topic("v/{id}/picture", m.PictureChunk, lockstep=True)
 MAVLINK_DOWN = Topic("g/{id}/mavlink/down", m.MavlinkFrames, lockstep=True)
 PLAN_HASH = Topic("g/{id}/plan/hash", m.PlanHash, lockstep=True)
 PICTURE_ACK = Topic("g/{id}/picture/ack", m.PictureAck, lockstep=True)
+BATTERY_SWAP = Topic("g/{id}/battery", m.BatterySwap, lockstep=True)
 MAP_SNAPSHOT = Topic("g/map", m.MapSnapshot, lockstep=True)
 
 # vehicle to everybody (teammates, ground, referee)
