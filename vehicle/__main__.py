@@ -25,8 +25,8 @@ from planning.paths import MeshField, voxelised
 from vehicle.sensor_memory import SensorMemory
 from vehicle.vehicle import Vehicle
 
-OWN: tuple[Topic[Any], ...] = (topics.MAVLINK_DOWN, topics.PLAN_HASH, topics.PICTURE_ACK, topics.SENSOR_PICTURE,
-                               topics.RANGE_SCAN)
+OWN: tuple[Topic[Any], ...] = (topics.MAVLINK_DOWN, topics.PLAN_HASH, topics.PICTURE_ACK, topics.BATTERY_SWAP,
+                               topics.SENSOR_PICTURE, topics.RANGE_SCAN)
 SHARED: tuple[Topic[Any], ...] = (topics.MAP_SNAPSHOT, topics.VEHICLE_STATE, topics.ANNOUNCED)
 log = logging.getLogger("vehicle")
 

@@ -26,6 +26,21 @@ class Battery:
 
     def __init__(self, level_percent: float, energy: Energy) -> None:
         self.level_percent, self.energy = level_percent, energy
+        self._full_at_ns: int | None = None
+
+    @property
+    def swapping(self) -> bool:
+        """Whether somebody is changing the battery."""
+        return self._full_at_ns is not None
+
+    def begin_swap(self, full_at_ns: int) -> None:
+        """A fresh battery will be in at this time."""
+        self._full_at_ns = full_at_ns
+
+    def step(self, t_ns: int) -> None:
+        """The change is done when its time has come."""
+        if self._full_at_ns is not None and t_ns >= self._full_at_ns:
+            self.level_percent, self._full_at_ns = 100.0, None
 
     def spend(self, curve: Curve, from_s: float, to_s: float) -> None:
         """Take off what flying this part of a curve takes; the level never falls below zero."""

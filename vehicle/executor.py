@@ -103,7 +103,7 @@ class Executor:
     def start(self) -> bool:
         """Take off or go on with the plan; False when there is nothing to fly, or no energy."""
         if self.mode == STANDBY:
-            if self.battery.level_percent <= self._spec.threshold_percent:
+            if self.battery.swapping or self.battery.level_percent <= self._spec.threshold_percent:
                 return False
             self.mode = TAKEOFF
         elif self.mode == HOLD or (self.mode in (RETURN, LAND) and self._may_turn_back()):

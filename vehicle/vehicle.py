@@ -20,6 +20,7 @@ from missions.grid import VoxelGrid
 from missions.mavlink import Item, plan_sha256, route_from_items
 from missions.messages import (
     AnnouncedTrajectory,
+    BatterySwap,
     LegReport,
     MapSnapshot,
     MavlinkFrames,
@@ -93,6 +94,7 @@ class Vehicle:
         """One tick: take in, move, decide, tell. Returns (topic, message, id in the key)."""
         if self.executor.flying:
             self.battery.spend(self.simulator.flight.curve, *map(self.simulator.elapsed_s, (self._t_ns, t_ns)))
+        self.battery.step(t_ns)
         self._t_ns = t_ns
         self._ground_takes_part = GROUND in participants
         self.teammates.note_participants(participants)
@@ -123,6 +125,10 @@ class Vehicle:
 
     def _map(self, message: MapSnapshot) -> None:
         self.memory.put_map(VoxelGrid.from_message(message))
+
+    def _battery_swap(self, message: BatterySwap) -> None:
+        if not self.executor.flying and not self.battery.swapping:
+            self.battery.begin_swap(self._t_ns + round(self.mission.battery.swap_s * NS))
 
     def _scan(self, message: RangeScan) -> None:
         if message.vehicle_id == self.id:
@@ -217,7 +223,9 @@ class Vehicle:
         if not self.executor.flying and t_ns - self._state_ns < IDLE_STATE_NS:
             return
         self._state_ns = t_ns
-        mode = "wait" if self.pilot.waiting else "hold" if self.executor.idle else self.executor.mode
+        mode = self.executor.mode
+        if self.pilot.waiting or self.executor.idle or self.battery.swapping:
+            mode = "wait" if self.pilot.waiting else "swap" if self.battery.swapping else "hold"
         self._send(topics.VEHICLE_STATE, VehicleState(
             vehicle_id=self.id, t_ns=t_ns, position_enu_m=vector(now.state.position),
             velocity_enu_m_s=vector(now.state.velocity), acceleration_enu_m_s2=vector(now.state.acceleration),
@@ -242,5 +250,5 @@ def _item_groups(items: list[Item]) -> list[list[int]]:
 _HANDLERS: dict[type[Message], Callable[[Vehicle, Any], None]] = {
     MavlinkFrames: Vehicle._mavlink, PlanHash: Vehicle._plan_hash, MapSnapshot: Vehicle._map,
     RangeScan: Vehicle._scan, VehicleState: Vehicle._teammate, AnnouncedTrajectory: Vehicle._teammate,
-    SensorPicture: Vehicle._picture, PictureAck: Vehicle._picture_ack,
+    SensorPicture: Vehicle._picture, PictureAck: Vehicle._picture_ack, BatterySwap: Vehicle._battery_swap,
 }
