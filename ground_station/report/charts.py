@@ -36,6 +36,17 @@ def blank(x: str, y: str) -> go.Figure:
     return figure
 
 
+def in_space() -> go.Figure:
+    """A chart in 3-D with nothing in it yet; metres East, North and Up to one scale."""
+    figure = go.Figure()
+    axes = {name: {"title": {"text": text}, "gridcolor": GRID, "backgroundcolor": "white", "zerolinecolor": GRID}
+            for name, text in (("xaxis", "East (m)"), ("yaxis", "North (m)"), ("zaxis", "Up (m)"))}
+    figure.update_layout(height=620, margin={"l": 0, "r": 0, "t": 0, "b": 0}, font={"family": FONT, "color": INK},
+                         legend={"orientation": "h", "y": 1.0, "itemsizing": "constant"},
+                         scene={"aspectmode": "data", "camera": START_CAMERA, **axes})
+    return figure
+
+
 def coverage_curve(coverage: dict[str, Any]) -> go.Figure | None:
     """True coverage after each exploration picture, with what any reachable views could have covered."""
     values, ceiling = coverage.get("per_view") or [], coverage.get("ceiling")
@@ -58,33 +69,31 @@ def tours(data: RunData, cloud: Cloud | None) -> go.Figure | None:
     """Flown paths in 3-D over the reconstructed cloud, with take-off points and where pictures were taken."""
     if not data.tracks and not data.views:
         return None
-    figure = go.Figure()
+    figure = in_space()
     if cloud is not None and len(cloud):
         chosen = np.random.default_rng(0).permutation(len(cloud))[:SHOWN_POINTS]
-        _scatter(figure, cloud.points_enu_m[chosen], "reconstructed cloud", mode="markers", hoverinfo="skip",
-                 marker={"size": 1.6, "color": [f"rgb({r},{g},{b})" for r, g, b in cloud.colours[chosen]]})
+        scatter_in_space(figure, cloud.points_enu_m[chosen], "reconstructed cloud", mode="markers", hoverinfo="skip",
+                         marker={"size": 1.6, "color": [f"rgb({r},{g},{b})" for r, g, b in cloud.colours[chosen]]})
     for track in (t for t in data.tracks if len(t.t_s)):
         k = track.vehicle_id
         path = _simplified(track.position_enu_m)
-        _scatter(figure, path, f"UAV {k}", mode="lines", line={"color": colour(k), "width": 3}, legendgroup=str(k))
-        _scatter(figure, path[:1], f"UAV {k} take-off", mode="markers+text", text=[f"UAV {k}"], legendgroup=str(k),
-                 marker={"size": 6, "symbol": "square", "color": colour(k)}, showlegend=False)
+        scatter_in_space(figure, path, f"UAV {k}", mode="lines", line={"color": colour(k), "width": 3},
+                         legendgroup=str(k))
+        scatter_in_space(figure, path[:1], f"UAV {k} take-off", mode="markers+text", text=[f"UAV {k}"],
+                         marker={"size": 6, "symbol": "square", "color": colour(k)}, legendgroup=str(k),
+                         showlegend=False)
     for phase, symbol, shown in (("survey", "circle", True), ("explore", "circle-open", "legendonly")):
         rows = [v for v in data.views if v.phase.startswith(phase)]
         if rows:
-            _scatter(figure, np.array([v.position_enu_m for v in rows]), f"{phase} pictures ({len(rows)})",
-                     mode="markers", visible=shown,
-                     marker={"size": 3.2, "symbol": symbol, "color": [colour(v.vehicle_id) for v in rows]},
-                     text=[f"view {v.view_id}, UAV {v.vehicle_id}" for v in rows])
-    axes = {name: {"title": {"text": text}, "gridcolor": GRID, "backgroundcolor": "white", "zerolinecolor": GRID}
-            for name, text in (("xaxis", "East (m)"), ("yaxis", "North (m)"), ("zaxis", "Up (m)"))}
-    figure.update_layout(height=620, margin={"l": 0, "r": 0, "t": 0, "b": 0}, font={"family": FONT, "color": INK},
-                         legend={"orientation": "h", "y": 1.0, "itemsizing": "constant"},
-                         scene={"aspectmode": "data", "camera": START_CAMERA, **axes})
+            scatter_in_space(figure, np.array([v.position_enu_m for v in rows]), f"{phase} pictures ({len(rows)})",
+                             mode="markers", visible=shown,
+                             marker={"size": 3.2, "symbol": symbol, "color": [colour(v.vehicle_id) for v in rows]},
+                             text=[f"view {v.view_id}, UAV {v.vehicle_id}" for v in rows])
     return figure
 
 
-def _scatter(figure: go.Figure, points: Any, name: str, **style: Any) -> None:
+def scatter_in_space(figure: go.Figure, points: Any, name: str, **style: Any) -> None:
+    """Add points (n, 3) to a chart of `in_space`."""
     flat = np.round(np.asarray(points, dtype=np.float64), 2)
     figure.add_scatter3d(x=flat[:, 0].tolist(), y=flat[:, 1].tolist(), z=flat[:, 2].tolist(), name=name, **style)
 

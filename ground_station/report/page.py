@@ -8,12 +8,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from ground_station.report import charts, renderings, tables, time_charts
 from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
+from ground_station.report.sections import chart, chart_section, pair, section
 from ground_station.report.splat import Pixels, data_uri
 from ground_station.report.style import CSS, SCRIPT
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
@@ -83,7 +83,7 @@ def _model(data: RunData, cloud: Cloud | None) -> str:
     spacing = data.mission.reconstruct.cloud_spacing_m
     picture = _figure(f"{len(cloud):,} points, one per {100 * spacing:g} cm voxel.",
                       renderings.hero(*renderings.thinned(cloud, spacing)))
-    return _section("The reconstruction", "", picture)
+    return section("The reconstruction", "", picture)
 
 
 def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
@@ -91,34 +91,34 @@ def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
     space = charts.tours(data, cloud)
     who = tables.vehicles(data, metrics) + "<h3></h3>" + tables.outcomes(data) if data.tracks or data.views else ""
     return "".join([
-        _pair(_chart_section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
-                             coverage),
-              _chart_section("Battery", "A dot per picture; a cross where a vehicle handed its views over.", battery)),
-        _chart_section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to "
-                       "zoom, click a name to hide or show it.", space),
+        pair(chart_section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
+                           coverage),
+              chart_section("Battery", "A dot per picture; a cross where a vehicle handed its views over.", battery)),
+        chart_section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to "
+                      "zoom, click a name to hide or show it.", space),
         _over_time(data, metrics),
-        _section("Vehicles and views", "", who) if who else ""])
+        section("Vehicles and views", "", who) if who else ""])
 
 
 def _over_time(data: RunData, metrics: dict[str, Any]) -> str:
     predicted = time_charts.energy(data)
-    return _chart_section("Vehicles over time", "What every vehicle was doing.", time_charts.gantt(data)) + _pair(
-        _chart_section("Distances between vehicles", "Between the nearest two of which at least one flies.",
-                       time_charts.separation(data)),
-        _chart_section("Energy predicted and used", "Summed over the plans that were flown to their end.", predicted,
-                       tables.energy(metrics)))
+    return chart_section("Vehicles over time", "What every vehicle was doing.", time_charts.gantt(data)) + pair(
+        chart_section("Distances between vehicles", "Between the nearest two of which at least one flies.",
+                      time_charts.separation(data)),
+        chart_section("Energy predicted and used", "Summed over the plans that were flown to their end.", predicted,
+                      tables.energy(metrics)))
 
 
 def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Reported) -> str:
     if measured is None:
         return ""
-    left = _section("Completeness (C2C)", "Distance from each sample of the true exposed surface to the nearest "
-                    "reconstructed point. Green counts as reconstructed.",
-                    _chart(charts.c2c_histogram(measured)) + tables.completeness(metrics, thesis))
+    left = section("Completeness (C2C)", "Distance from each sample of the true exposed surface to the nearest "
+                   "reconstructed point. Green counts as reconstructed.",
+                   chart(charts.c2c_histogram(measured)) + tables.completeness(metrics, thesis))
     spacing = 100 * metrics["c2m"]["resampled_m"]
-    right = _section("Accuracy (C2M)", f"Signed distance from each point of the cloud, resampled to {spacing:g} cm, to "
-                     "the true mesh. Green is within ±2 cm.",
-                     _chart(charts.c2m_histogram(measured)) + tables.accuracy(metrics, thesis))
+    right = section("Accuracy (C2M)", f"Signed distance from each point of the cloud, resampled to {spacing:g} cm, to "
+                    "the true mesh. Green is within ±2 cm.",
+                    chart(charts.c2m_histogram(measured)) + tables.accuracy(metrics, thesis))
     return f"<div class=two>{left}{right}</div>"
 
 
@@ -138,7 +138,7 @@ def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None) -> s
             (renderings.MISSING_COLOUR, "more than 50 cm away")))
         parts += [f"<h3>Missing</h3><small>True surface by distance to the cloud:{keys}</small>",
                   _row(renderings.missing(measured))]
-    return _section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
+    return section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
 
 
 def _pictures(data: RunData) -> str:
@@ -148,7 +148,7 @@ def _pictures(data: RunData) -> str:
     chosen = [rows[int(i)] for i in np.linspace(0, len(rows) - 1, min(SAMPLE_PICTURES, len(rows)))]
     figures = "".join(_figure(f"View {v.view_id}, UAV {v.vehicle_id}, {v.t_capture_s:.0f} s",
                               _thumbnail(data, v.path), "JPEG") for v in chosen)
-    return _section("Survey pictures", f"{len(chosen)} of {len(rows)}.", f"<div class=three>{figures}</div>")
+    return section("Survey pictures", f"{len(chosen)} of {len(rows)}.", f"<div class=three>{figures}</div>")
 
 
 def _thumbnail(data: RunData, path: str) -> Pixels:
@@ -163,30 +163,12 @@ def _thumbnail(data: RunData, path: str) -> Pixels:
 def _machine(metrics: dict[str, Any]) -> str:
     if not metrics["timing_s"] and not metrics["peak_memory_mib"]:
         return ""
-    return _section("Time and memory on this machine", "", tables.resources(metrics))
+    return section("Time and memory on this machine", "", tables.resources(metrics))
 
 
 def _notes(metrics: dict[str, Any]) -> str:
     items = "".join(f"<li>{escape(str(n))}</li>" for n in metrics["notes"])
-    return _section("Notes", "", f"<ul>{items}</ul>") if items else ""
-
-
-def _section(title: str, lead: str, content: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{f'<p class=soft>{escape(lead)}</p>' if lead else ''}{content}</section>"
-
-
-def _chart_section(title: str, lead: str, figure: go.Figure | None, below: str = "") -> str:
-    return _section(title, lead, _chart(figure) + below) if figure is not None else ""
-
-
-def _pair(*sections: str) -> str:
-    shown = [s for s in sections if s]
-    return f"<div class=two>{''.join(shown)}</div>" if len(shown) == 2 else "".join(shown)
-
-
-def _chart(figure: go.Figure) -> str:
-    options = {"displaylogo": False, "displayModeBar": False, "responsive": True}
-    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=options))
+    return section("Notes", "", f"<ul>{items}</ul>") if items else ""
 
 
 def _row(pictures: list[tuple[str, Pixels]]) -> str:

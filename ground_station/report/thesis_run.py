@@ -1,0 +1,108 @@
+"""The thesis's planning experiment on the views of a run: what its figures 5.7 to 5.15 are drawn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+import trimesh
+
+from ground_station.report.run_data import RunData, Track
+from missions.errors import UserError
+from missions.frames import Array
+from missions.messages import SiteBrief
+from missions.pads import geofence
+from planning.allocate.cost import LegCost
+from planning.allocate.thesis_experiment import Discharge, Experiment, Obstacle, experiment, percent_per_m_to_stop
+
+COSTS = ("distance", "distance_elevation")
+BOUNDS_MARGIN_M = 5.0
+BELOW_THRESHOLD_PERCENT = 0.12
+"""How far below the threshold a vehicle is where it stops: the thesis's stopped at 19.88 %."""
+
+
+@dataclass(frozen=True)
+class ThesisRun:
+    """Plans over the same views, by kind of cost."""
+
+    positions_enu_m: Array
+    """(n, 3) all views in the order in which they were taken or planned; a plan's view ids are indices into it."""
+    plans: dict[str, Experiment]
+    surface_enu_m: Array
+    """(s, 3) samples of the structure; none where it is unknown."""
+
+
+def planned_positions(data: RunData) -> Array:
+    """(n, 3) where the survey's views stand: exploration's pictures when these were flown again, else the survey's."""
+    spec = data.mission.survey
+    phase = "explore" if spec.views == "frames" else "survey"
+    rows = sorted((v for v in data.views if v.phase == phase),
+                  key=lambda v: (v.vehicle_id if phase == "explore" else 0, v.view_id))
+    if not rows:
+        raise UserError(f"{data.run.views_csv}: no {phase} pictures; fly the mission's {phase} phase first.")
+    return np.array([v.position_enu_m for v in rows[: spec.max_views]])
+
+
+def plan_run(data: RunData, percent_per_m: float | None = None, stop_index: int | None = None) -> ThesisRun:
+    """Plan a run's views with both costs. percent_per_m replaces the mission's.
+
+    stop_index: instead, the consumption at which the vehicle with most points meets the threshold at that index with
+    the distance cost. Raises UserError when there are no views or the index is beyond the tour.
+    """
+    positions = planned_positions(data)
+    discharge = Discharge(data.mission.battery.percent_per_m if percent_per_m is None else percent_per_m,
+                          data.mission.battery.threshold_percent)
+    starts, obstacle = _starts(data.tracks, data), _obstacle(data, positions)
+
+    def plan(cost: str, paid: Discharge) -> Experiment:
+        spec = data.mission.survey
+        legs = LegCost(cost, spec.alpha, spec.beta)  # type: ignore[arg-type]
+        return experiment(positions, data.mission.fleet.vehicles, legs, paid, starts, obstacle, data.mission.seed)
+
+    if stop_index is not None:
+        free = plan("distance", replace(discharge, percent_per_m=0.0))
+        discharge = replace(discharge, percent_per_m=consumption_for(
+            free, stop_index, discharge.threshold_percent - BELOW_THRESHOLD_PERCENT))
+    return ThesisRun(positions, {cost: plan(cost, discharge) for cost in COSTS}, _surface(data))
+
+
+def consumption_for(plan: Experiment, stop_index: int, level_percent: float) -> float:
+    """Percent per metre at which the vehicle with most points reaches a level at an index. Raises UserError."""
+    longest = max(plan.tours.values(), key=lambda tour: len(tour.own.view))
+    if not 0 < stop_index < len(longest.own.view):
+        raise UserError(f"stop index {stop_index}: the longest tour has {len(longest.own.view)} points; "
+                        f"give 1 to {len(longest.own.view) - 1}.")
+    return percent_per_m_to_stop(longest.forecast.distance_m, stop_index, level_percent)
+
+
+def _starts(tracks: list[Track], data: RunData) -> Array | None:
+    """Where the vehicles were when the survey began; None where that is not known."""
+    begin = (data.flight.get("phases") or {}).get("survey", {}).get("start_s")
+    if begin is None or len(tracks) != data.mission.fleet.vehicles or not all(len(t.t_s) for t in tracks):
+        return None
+    return np.array([[np.interp(begin, t.t_s, column) for column in t.position_enu_m.T] for t in tracks])
+
+
+def _obstacle(data: RunData, positions: Array) -> Obstacle | None:
+    """The true structure, which the thesis's planner knows; None when the run holds none."""
+    if not data.run.truth_mesh.is_file():
+        data.notes.append("truth/reference.ply is missing: the thesis's tours were not led around the structure.")
+        return None
+    mesh = trimesh.load_mesh(data.run.truth_mesh, process=False)
+    told = data.flight.get("site") or data.referee.get("site")
+    if told is None:
+        lower, upper = positions.min(axis=0) - BOUNDS_MARGIN_M, positions.max(axis=0) + BOUNDS_MARGIN_M
+        lower[2] = positions[:, 2].min()
+    else:
+        site = msgspec.convert(told, SiteBrief)
+        lower, upper = geofence(data.mission, site)
+        lower[2] = min(site.ground_up_m + data.mission.site.camera_floor_m, positions[:, 2].min())
+    return Obstacle(np.asarray(mesh.triangles, dtype=np.float64), lower, upper)
+
+
+def _surface(data: RunData) -> Array:
+    if not data.run.truth_samples.is_file():
+        return np.zeros((0, 3))
+    with np.load(data.run.truth_samples) as stored:
+        return np.asarray(stored["points"], dtype=np.float64)
