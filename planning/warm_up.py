@@ -16,6 +16,7 @@ from planning.nbv.search import SearchSpec, VehicleQuery, next_views
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 from planning.paths import MeshField, VoxelField, plan_path, reachable, voxelised
 from planning.paths.thesis_rrt import connect
+from planning.trajectories import Limits, State, Via, fly_run
 
 SIZE_M = np.array([10.0, 8.0, 8.0])
 WALL_X, WALL_Y = 5, 4
@@ -23,10 +24,11 @@ CLEARANCE_M = 0.8
 
 
 def warm_up() -> None:
-    """Plan paths, next views and a survey around half a wall."""
+    """Plan paths, a flight, next views and a survey around half a wall."""
     grid = VoxelGrid(np.zeros(3), 1.0, np.full((10, 8, 8), FREE, dtype=np.uint8))
     grid.state[WALL_X, :WALL_Y] = OCCUPIED
     _plan_paths(grid)
+    _plan_flight()
     _plan_views(grid)
 
 
@@ -42,6 +44,11 @@ def _plan_paths(grid: VoxelGrid) -> None:
     model.with_spheres(start, 0.2).segments_clear(start, goal, CLEARANCE_M)
     wall = np.array([[[5.0, 0.0, 0.0], [6.0, 4.0, 8.0]]])
     connect(start, goal, wall, np.zeros(3), SIZE_M, step_m=4.0, iterations=50, seed=1)
+
+
+def _plan_flight() -> None:
+    vias = [Via(np.array(p), 0.0, stop=False, pass_m=0.5) for p in ((3.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 6.0, 0.0))]
+    fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, vias, Limits(3.0, 2.0, 6.0, 1.0)).stop(1.0)
 
 
 def _plan_views(grid: VoxelGrid) -> None:

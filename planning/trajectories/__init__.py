@@ -1,8 +1,11 @@
-"""Jerk-limited motion: legs, stops and runs over several waypoints."""
+"""Jerk-limited motion: runs over several waypoints with blended corners, stops, and how fast a shutter may pass."""
 
+from planning.trajectories.course import Via
 from planning.trajectories.curve import Curve, State
-from planning.trajectories.leg import Leg, Limits, brake, leg_time_s
-from planning.trajectories.route import Flight, Via, fly_route, fly_run, straight_run
+from planning.trajectories.flight import Flight
+from planning.trajectories.leg import brake, leg_time_s
+from planning.trajectories.limits import Limits, shutter_speed_m_s
+from planning.trajectories.run import fly_route, fly_run, run_length, straight_run
 
-__all__ = ["Curve", "Flight", "Leg", "Limits", "State", "Via", "brake", "fly_route", "fly_run", "leg_time_s",
-           "straight_run"]
+__all__ = ["Curve", "Flight", "Limits", "State", "Via", "brake", "fly_route", "fly_run", "leg_time_s", "run_length",
+           "shutter_speed_m_s", "straight_run"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from missions.frames import Array
+from planning.trajectories import profile
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,10 @@ class Curve:
         return cls(np.zeros(1), np.array(position, dtype=np.float64)[None], zero, zero, zero, duration_s)
 
     @classmethod
-    def along(cls, origin: Array, direction: Array, pieces: Array, duration_s: float) -> Curve:
-        """A straight line: pieces (k, 5): start time, distance, speed, acceleration, jerk along direction (3,)."""
-        p, v, a, j = (pieces[:, c, None] * direction for c in range(1, 5))
-        return cls(pieces[:, 0].copy(), origin + p, v, a, j, duration_s)
+    def integrated(cls, start: State, spans_s: Array, jerks: Array) -> Curve:
+        """From a state on with jerks (n, 3), each for its span (n,), n at least 1."""
+        times, p, v, a = profile.integrate(start.position, start.velocity, start.acceleration, spans_s, jerks)
+        return cls(times, p, v, a, jerks, float(spans_s.sum()))
 
     @classmethod
     def chain(cls, curves: list[Curve]) -> Curve:
@@ -58,6 +59,21 @@ class Curve:
         start = np.concatenate([c._start + o for c, o in zip(curves, offsets, strict=False)])
         p, v, a, j = (np.concatenate([getattr(c, name) for c in curves]) for name in ("_p", "_v", "_a", "_j"))
         return cls(start, p, v, a, j, float(offsets[-1]))
+
+    def part(self, from_s: float, to_s: float) -> Curve:
+        """What lies between two times, as a curve of its own."""
+        inside = np.flatnonzero((self._start > from_s) & (self._start < to_s))
+        first = max(int(np.searchsorted(self._start, from_s, side="right")) - 1, 0)
+        keep = np.concatenate([[first], inside[inside > first]])
+        start = np.maximum(self._start[keep] - from_s, 0.0)
+        p, v, a = self._p[keep].copy(), self._v[keep].copy(), self._a[keep].copy()
+        p[0], v[0], a[0] = self.at(from_s)
+        return Curve(start, p, v, a, self._j[keep], to_s - from_s)
+
+    def crossing_s(self, from_s: float, to_s: float, origin: Array, direction: Array, wanted_m: float) -> float:
+        """When motion that does not turn back is wanted_m from origin (3,) along direction (3,), between two times."""
+        pieces = (self._start, self._p, self._v, self._a, self._j)
+        return float(profile.crossing_s(*pieces, from_s, to_s, origin, direction, wanted_m))
 
     def at(self, t_s: Array | float) -> tuple[Array, Array, Array]:
         """(position, velocity, acceleration) at times (...), each (..., 3)."""

@@ -1,0 +1,68 @@
+"""Corners flown without stopping.
+
+In the corner's frame, u along d1 + d2 and w along d2 - d1, a vehicle that flies in along d1 and out along d2 at speed v
+keeps its velocity along u and changes that along w by 2 v sin(turn / 2). Doing so with one trapezoid or triangle of
+acceleration keeps jerk and acceleration within their limits and the speed below v, as norms. The motion begins and ends
+v T / 2 from the corner, T being the time of the change, and passes it nearest in the middle, at v cos(turn / 2).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from missions.frames import Array
+from planning.trajectories import profile
+from planning.trajectories.curve import Curve, State
+from planning.trajectories.limits import Limits
+
+OUTLINE_M = 1e-3
+"""The outline of a blend is at most this far from it."""
+
+
+def deviation_m(lateral_m_s: float, limits: Limits) -> float:
+    """How far a blend passes from its corner; lateral_m_s is v sin(turn / 2).
+
+    With m the lateral speed: m²/2a + a³/24j² where the acceleration a is reached, else m sqrt(2m/j) / 3.
+    """
+    a, j, m = limits.acceleration_m_s2, limits.jerk_m_s3, lateral_m_s
+    if 2.0 * m * j >= a * a:
+        return m * m / (2.0 * a) + a**3 / (24.0 * j * j)
+    return m * math.sqrt(2.0 * m / j) / 3.0
+
+
+def lateral_speed_m_s(deviation: float, limits: Limits) -> float:
+    """The inverse of deviation_m."""
+    a, j = limits.acceleration_m_s2, limits.jerk_m_s3
+    if deviation >= a**3 / (6.0 * j * j):
+        return math.sqrt(2.0 * a * (deviation - a**3 / (24.0 * j * j)))
+    return float(np.cbrt(4.5 * j * deviation * deviation))
+
+
+def fitting_speed_m_s(room_m: float, bend: float, limits: Limits) -> float:
+    """The speed whose blend takes room_m of either straight; bend is sin(turn / 2)."""
+    a, j = limits.acceleration_m_s2, limits.jerk_m_s3
+    triangle = float(np.cbrt(room_m * room_m * j / (2.0 * bend)))
+    if 2.0 * triangle * bend * j < a * a:
+        return triangle
+    return (math.sqrt(a * a / (4.0 * j * j) + 4.0 * bend * room_m / a) - a / (2.0 * j)) * a / (2.0 * bend)
+
+
+def blend(corner: Array, d1: Array, d2: Array, speed_m_s: float, limits: Limits) -> Curve:
+    """Around a corner (3,) from direction d1 to d2, unit vectors (3,) that differ."""
+    _, a, j = limits.motion
+    change = speed_m_s * (d2 - d1)
+    size = float(np.linalg.norm(change))
+    duration = profile.ramp_s(size, a, j)
+    rise = min(a / j, 0.5 * duration)
+    spans, jerks = np.array([rise, duration - 2.0 * rise, rise]), np.array([j, 0.0, -j])[:, None] * (change / size)
+    keep = spans > 0.0
+    start = State(corner - 0.5 * duration * speed_m_s * d1, speed_m_s * d1, np.zeros(3))
+    return Curve.integrated(start, spans[keep], jerks[keep])
+
+
+def outline(curve: Curve, limits: Limits) -> Array:
+    """(k, 3) points of a blend; the polyline through them stays within OUTLINE_M of it."""
+    pieces = math.ceil(curve.duration_s * math.sqrt(limits.acceleration_m_s2 / (8.0 * OUTLINE_M)))
+    return curve.at(np.linspace(0.0, curve.duration_s, max(pieces, 1) + 1))[0]
