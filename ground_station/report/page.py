@@ -17,6 +17,7 @@ from ground_station.report.sections import chart, chart_section, pair, section
 from ground_station.report.splat import Pixels, data_uri
 from ground_station.report.style import CSS, SCRIPT
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
+from ground_station.report.thesis_page import thesis_part
 from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_numbers, percent
 from perception.reconstruct.cloud import Cloud, read_cloud
 
@@ -33,7 +34,7 @@ def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> s
     """The whole page as HTML."""
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
-    body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud),
+    body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud), thesis_part(data),
                     _measurements(measured, metrics, thesis), _regions(data, cloud, measured),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
