@@ -58,8 +58,6 @@ class Drone:
     spent: bool = False
     """It came home by itself for lack of energy, or cannot take off: it flies no more with this battery."""
     swaps_left: int = 0
-    swapped: bool = False
-    """It has a fresh battery for a sortie that has not begun."""
     launches_failed: int = 0
     idle_since_ns: int = -1
 
@@ -75,7 +73,9 @@ class Drone:
 
     @property
     def battery_percent(self) -> float:
-        """The newest battery level."""
+        """The newest battery level; that of the new battery while it is put in."""
+        if self.stage is Stage.SWAPPING:
+            return FULL_PERCENT
         return self.link.telemetry.battery_percent if self.state is None else self.state.battery_percent
 
     @property
@@ -159,8 +159,8 @@ class Fleet:
         drone.link.command(return_to_launch())
 
     def swap(self, drone: Drone) -> None:
-        """Have the battery of a parked vehicle changed."""
-        drone.stage, drone.swaps_left = Stage.SWAPPING, drone.swaps_left - 1
+        """Have the battery of a parked vehicle changed; what it can fly is reckoned with the new one from now on."""
+        drone.stage, drone.swaps_left, drone.spent = Stage.SWAPPING, drone.swaps_left - 1, False
         self._bus.publish(topics.BATTERY_SWAP, BatterySwap(vehicle_id=drone.vehicle_id), drone.vehicle_id)
         self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id} gets a fresh battery")
 
@@ -210,10 +210,8 @@ class Fleet:
             drone.stage = Stage.READY
         elif drone.stage is Stage.FLYING and self._plan_over(drone):
             self._leave_plan(drone, Stage.READY, flown=True)
-        elif drone.stage is Stage.HOMING and not drone.link.busy and not state.flying:
+        elif self._ready_on_the_pad(drone, state):
             drone.stage = Stage.PARKED
-        elif drone.stage is Stage.SWAPPING and state.battery_percent == FULL_PERCENT and state.mode == "standby":
-            drone.stage, drone.spent, drone.swapped = Stage.PARKED, False, True
         if drone.stage in (Stage.READY, Stage.FLYING, Stage.LAUNCHING) and drone.link.returning:
             self._leave_plan(drone, Stage.HOMING)
             drone.spent = True
@@ -230,6 +228,11 @@ class Fleet:
     def _leave_plan(self, drone: Drone, stage: Stage, flown: bool = False) -> None:
         drone.stage, drone.goal = stage, None
         self._recorder.plan_ends(drone.vehicle_id, self.t_ns, flown)
+
+    def _ready_on_the_pad(self, drone: Drone, state: VehicleState) -> bool:
+        if drone.stage is Stage.SWAPPING:
+            return state.mode == "standby" and state.battery_percent == FULL_PERCENT
+        return drone.stage is Stage.HOMING and not drone.link.busy and not state.flying
 
     def _hovers(self, drone: Drone) -> bool:
         return (drone.airborne and drone.standing

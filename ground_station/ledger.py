@@ -10,6 +10,7 @@ from missions.camera import View
 FLOWN = "flown"
 UNREACHABLE = "unreachable"
 ENERGY = "energy"
+LOST = "lost"
 MAX_BLOCKED = 2
 """A view that this many vehicles found blocked is unreachable."""
 
@@ -22,6 +23,8 @@ class Entry:
     origin: int | None = None
     holder: int | None = None
     outcome: str = ""
+    detail: str = ""
+    """Why it was last given back, or why it is not flown."""
     blocked_by: list[int] = field(default_factory=list)
 
 
@@ -56,35 +59,43 @@ class ViewLedger:
                 self.reassignments.append({"view_id": view_id, "from": giver, "to": vehicle_id, "t_s": t_s,
                                            "reason": reason})
 
+    def give(self, view_id: int, vehicle_id: int, t_s: float) -> None:
+        """Whoever holds an open view, this vehicle has it now."""
+        holder = self._entries[view_id].holder
+        if holder != vehicle_id:
+            if holder is not None:
+                self.release(view_id, "balance")
+            self.assign(view_id, vehicle_id, t_s)
+
     def flown(self, view_id: int) -> None:
         """Its picture is on disk; that settles it, whatever was reported before."""
         entry = self._entries[view_id]
-        entry.outcome, entry.holder = FLOWN, None
+        entry.outcome, entry.holder, entry.detail = FLOWN, None, ""
         self._gave_up.pop(view_id, None)
 
-    def release(self, view_id: int, reason: str) -> None:
+    def release(self, view_id: int, reason: str, detail: str = "") -> None:
         """Its holder will not fly it (energy, lost vehicle, refused plan)."""
         entry = self._entries[view_id]
         if entry.outcome or entry.holder is None:
             return
         self._gave_up[view_id] = (entry.holder, reason)
-        entry.holder = None
+        entry.holder, entry.detail = None, detail
 
-    def blocked(self, view_id: int) -> None:
+    def blocked(self, view_id: int, detail: str) -> None:
         """Its holder found it blocked: somebody else may try, up to MAX_BLOCKED in all."""
         entry = self._entries[view_id]
         if entry.outcome or entry.holder is None:
             return
         entry.blocked_by.append(entry.holder)
-        self.release(view_id, "blocked")
+        self.release(view_id, "blocked", detail)
         if len(entry.blocked_by) >= MAX_BLOCKED:
             self.settle(view_id, UNREACHABLE)
 
-    def settle(self, view_id: int, outcome: str) -> None:
-        """The final outcome of a view that will not be flown."""
+    def settle(self, view_id: int, outcome: str, detail: str = "") -> None:
+        """The final outcome of a view that will not be flown; without a detail, that of its last release."""
         entry = self._entries[view_id]
         if not entry.outcome:
-            entry.outcome, entry.holder = outcome, None
+            entry.outcome, entry.holder, entry.detail = outcome, None, detail or entry.detail
             self._gave_up.pop(view_id, None)
 
     def why_released(self, view_id: int) -> str:
@@ -103,6 +114,10 @@ class ViewLedger:
         """Open views that nobody holds, by id."""
         return sorted(i for i, e in self._entries.items() if e.holder is None and not e.outcome)
 
+    def open_ids(self) -> list[int]:
+        """Views without an outcome, by id."""
+        return sorted(i for i, e in self._entries.items() if not e.outcome)
+
     @property
     def open_count(self) -> int:
         """Views without an outcome."""
@@ -119,3 +134,7 @@ class ViewLedger:
     def outcomes(self) -> dict[str, str]:
         """Outcome by view id; "open" where there is none yet."""
         return {str(i): e.outcome or "open" for i, e in sorted(self._entries.items())}
+
+    def details(self) -> dict[str, str]:
+        """Why, by view id, of the views that are settled and not flown."""
+        return {str(i): e.detail for i, e in sorted(self._entries.items()) if e.outcome not in ("", FLOWN)}

@@ -1,15 +1,20 @@
-"""Waypoints of exploration legs: pictures spread along a path, the camera turning on the way."""
+"""Waypoints of exploration and survey legs: pictures spread along a path, or taken at given views."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
-from missions.camera import Pose
+from missions.camera import Pose, View
 from missions.frames import Array, wrap_pi
 from missions.mavlink import Waypoint
 
 KEY_SETTLE_S = 0.2
 SAME_PLACE_M = 0.05
+CORNER_PASS_M = 0.5
+"""How far corners between survey views may be cut; the vehicle stops at those where clearance does not allow it."""
 COLUMN_ELEVATION_RAD = 0.15
 """Slightly upwards, so that the ground does not fill the first pictures."""
 
@@ -43,6 +48,42 @@ def column_leg(pad_enu_m: Array, heights_enu_m: tuple[float, float], yaw_enu_rad
     places = [np.array([pad_enu_m[0], pad_enu_m[1], h]) for h in heights]
     return [_waypoint(p, wrap_pi(yaw_enu_rad), COLUMN_ELEVATION_RAD, first_view_id + k, k == frames - 1)
             for k, p in enumerate(places)]
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """How survey pictures are taken: at rest for settle_s, or in passing, pass_m beside the view at most, at
+    speed_m_s(view) or slower."""
+
+    stop: bool
+    settle_s: float
+    pass_m: float
+    speed_m_s: Mapping[int, float]
+    """By view id."""
+
+
+def survey_leg(paths_enu_m: list[Array], views: list[View], shooting: Shooting) -> list[Waypoint]:
+    """Waypoints over survey views, the way to each along its path (k, 3), which begins where the one before ends. The
+    vehicle comes to rest at the last."""
+    out: list[Waypoint] = []
+    for path, view in zip(paths_enu_m, views, strict=True):
+        out.extend(_via(p, view) for p in path[1:-1])
+        out.append(_shot(view, shooting, shooting.stop or view is views[-1]))
+    return out
+
+
+def _shot(view: View, shooting: Shooting, stop: bool) -> Waypoint:
+    pose = view.pose
+    how = {"settle_s": shooting.settle_s} if stop else {"pass_m": shooting.pass_m,
+                                                        "speed_m_s": shooting.speed_m_s.get(view.view_id, 0.0)}
+    return Waypoint(position_enu_m=pose.position_enu_m, yaw_enu_rad=pose.yaw_enu_rad,
+                    gimbal_elevation_rad=pose.elevation_rad, view_id=view.view_id, stop=stop, **how)
+
+
+def _via(position: Array, view: View) -> Waypoint:
+    x, y, z = (float(c) for c in position)
+    return Waypoint(position_enu_m=(x, y, z), yaw_enu_rad=view.pose.yaw_enu_rad,
+                    gimbal_elevation_rad=view.pose.elevation_rad, stop=False, pass_m=CORNER_PASS_M)
 
 
 def _waypoint(position: Array, yaw: float, elevation: float, view_id: int | None, stop: bool) -> Waypoint:

@@ -80,6 +80,8 @@ class Recorder:
         self.predicted_coverage: list[float] = []
         self.notes: list[str] = []
         self.outcomes: dict[str, str] = {}
+        self.outcome_details: dict[str, str] = {}
+        self.allocations: list[dict[str, Any]] = []
         self.reassignments: list[dict[str, Any]] = []
         self.plans: list[dict[str, Any]] = []
         self._wall: dict[str, float] = {}
@@ -155,7 +157,8 @@ class Recorder:
                 "views_unreachable": values.count("unreachable"),
             },
             "tours": {str(k): track.view_ids for k, track in self.tracks.items()},
-            "reassignments": self.reassignments, "outcomes": self.outcomes, "plans": self.plans,
+            "reassignments": self.reassignments, "allocations": self.allocations,
+            "outcomes": self.outcomes, "outcome_details": self.outcome_details, "plans": self.plans,
             "battery_at_view": self.battery_at_view, "predicted_coverage": self.predicted_coverage,
             "notes": self.notes,
         }

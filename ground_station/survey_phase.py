@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 
 from ground_station.airspace import Airspace
 from ground_station.control import Control
 from ground_station.explore import Explorer
 from ground_station.fleet import Drone, Stage
-from ground_station.ledger import ENERGY
-from ground_station.survey import Flyer, Survey
+from ground_station.ledger import ENERGY, LOST
+from ground_station.survey import Survey
+from ground_station.survey_method import method_of, shooting_of
 from ground_station.survey_views import known_space, survey_views
+from ground_station.tours import Flyer
 from missions.clock import SECOND_NS
 
 log = logging.getLogger(__name__)
@@ -23,7 +27,6 @@ class SurveyPhase:
         """explorer: what exploration knows; None when there was none."""
         self._control, self._fleet, self._recorder = control, control.fleet, control.recorder
         self._handed_over: set[int] = set()
-        flyers = [self._flyer(d) for d in self._fleet.drones.values() if d.available]
         if explorer is not None:
             explorer.refresh()
         prior = control.prior
@@ -32,15 +35,16 @@ class SurveyPhase:
         if explorer is not None:
             self._recorder.write_map(grid, explorer.map.surface())
         explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
+        flyers = self._flyers()
         views = survey_views(control.mission, control.site, grid, explored, [f.position_enu_m for f in flyers], prior)
         self._airspace = Airspace.of(grid, control.mission, control.site, prior)
-        self.survey = Survey(views, control.mission.survey)
-        self.survey.allocate(flyers, self._fleet.t_ns / SECOND_NS)
+        self.survey = Survey(views, method_of(control.mission, views), shooting_of(control.mission, views, grid))
+        self._allocate("start", lambda: self.survey.begin(flyers, self._t_s))
         log.info("survey: %d views for %d vehicles", len(views), len(flyers))
 
     def step(self) -> None:
         """One turn."""
-        survey, t_s = self.survey, self._fleet.t_ns / SECOND_NS
+        survey = self.survey
         for picture in self._fleet.new_pictures:
             meta = picture.meta
             survey.flown(meta.view_id, meta.vehicle_id)
@@ -48,41 +52,71 @@ class SurveyPhase:
             self._recorder.picture(meta, meta.vehicle_id if origin is None else origin)
         for drone in self._fleet.drones.values():
             self._events(drone, survey)
-        if survey.ledger.homeless():
-            flyers = [self._flyer(d) for d in self._fleet.drones.values() if d.available]
-            survey.redistribute([f for f in flyers if f.range_m > 0.0], t_s)
+        flyers = self._flyers()
+        news = survey.news([f.vehicle_id for f in flyers])
+        if news:
+            self._allocate(news, lambda: survey.redistribute(flyers, self._t_s))
         for drone in self._fleet.drones.values():
             self._orders(drone, survey)
         self._recorder.outcomes, self._recorder.reassignments = survey.ledger.outcomes(), survey.ledger.reassignments
+        self._recorder.outcome_details = survey.ledger.details()
+
+    @property
+    def _t_s(self) -> float:
+        return self._fleet.t_ns / SECOND_NS
+
+    def _allocate(self, why: str, act: Callable[[], None]) -> None:
+        """Do it, and record how long it took."""
+        began = time.perf_counter()
+        act()
+        self._recorder.allocations.append({"t_s": self._t_s, "why": why, "open_views": self.survey.ledger.open_count,
+                                           "wall_s": round(time.perf_counter() - began, 3)})
 
     def _events(self, drone: Drone, survey: Survey) -> None:
         k = drone.vehicle_id
         for report in drone.reports:
-            survey.not_flown(report.view_id, k, report.outcome)
+            survey.not_flown(report.view_id, k, report.outcome, report.detail)
         drone.reports.clear()
         if drone.refused:
-            survey.plan_refused(k)
+            survey.plan_refused(k, drone.refused)
             drone.refused = ""
         elif drone.stage is Stage.READY:
             survey.plan_over(k)
-        if not drone.available and k not in self._handed_over:
+        if drone.available:
+            self._handed_over.discard(k)
+        elif k not in self._handed_over:
             self._handed_over.add(k)
-            survey.gone(k, "lost" if drone.stage is Stage.LOST else ENERGY)
+            survey.gone(k, LOST if drone.stage is Stage.LOST else ENERGY)
 
     def _orders(self, drone: Drone, survey: Survey) -> None:
-        if drone.stage is Stage.PARKED and drone.available and survey.waiting(drone.vehicle_id):
+        k = drone.vehicle_id
+        if drone.stage is Stage.PARKED and drone.swaps_left and survey.wants_swap(k):
+            self._fleet.swap(drone)
+            survey.swapped(k)
+        elif drone.stage is Stage.PARKED and drone.available and survey.waiting(k):
             self._fleet.launch(drone)
-        elif drone.stage is Stage.READY and survey.waiting(drone.vehicle_id) and drone.standing:
-            hovering = [d.position_enu_m for d in self._fleet.in_stage(Stage.READY) if d is not drone]
-            if self._control.may_rescue(drone) and survey.shut_in(self._flyer(drone), self._airspace, hovering):
-                self._control.rescue(drone)
-                return
-            waypoints = survey.next_waypoints(self._flyer(drone), self._airspace, hovering)
-            if waypoints:
-                self._fleet.fly(drone, "survey", waypoints)
-        elif drone.stage is Stage.READY and not survey.waiting(drone.vehicle_id):
+        elif drone.stage is Stage.READY and survey.waiting(k) and drone.standing:
+            self._fly_on(drone, survey)
+        elif drone.stage is Stage.READY and not survey.waiting(k):
             self._fleet.home(drone)
 
+    def _fly_on(self, drone: Drone, survey: Survey) -> None:
+        """The next chunk, or home when the map has closed around the vehicle."""
+        hovering = [d.position_enu_m for d in self._fleet.in_stage(Stage.READY) if d is not drone]
+        flyer = self._flyer(drone)
+        if self._control.may_rescue(drone) and survey.shut_in(flyer, self._airspace, hovering):
+            self._control.rescue(drone)
+            return
+        waypoints = survey.next_waypoints(flyer, self._airspace, hovering)
+        if waypoints:
+            self._fleet.fly(drone, "survey", waypoints)
+
+    def _flyers(self) -> list[Flyer]:
+        """Who can take views, with what is in the battery or with the next one."""
+        flyers = [self._flyer(d) for d in self._fleet.drones.values() if d.stage is not Stage.LOST]
+        return [f for f in flyers if f.usable_percent > 0.0 or f.swaps]
+
     def _flyer(self, drone: Drone) -> Flyer:
-        return Flyer(drone.vehicle_id, drone.position_enu_m, drone.hover_enu_m,
-                     self._control.range_m(drone, exploring=False))
+        place = drone.position_enu_m if drone.airborne else drone.hover_enu_m
+        usable = self._control.usable_percent(drone, exploring=False) if drone.available else 0.0
+        return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, drone.swaps_left)

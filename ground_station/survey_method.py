@@ -1,0 +1,25 @@
+"""How a mission's survey is flown: by which method views are given out, and how pictures are taken."""
+
+from __future__ import annotations
+
+from ground_station.leg_costs import LegCosts
+from ground_station.legs import Shooting
+from ground_station.minmax_tours import MinmaxTours
+from ground_station.thesis_tours import ThesisTours
+from ground_station.tours import Method
+from missions.camera import View
+from missions.grid import VoxelGrid
+from missions.mission import Mission
+
+
+def method_of(mission: Mission, views: list[View]) -> Method:
+    """What `survey.method` names."""
+    if mission.survey.method == "thesis":
+        return ThesisTours(views, mission)
+    return MinmaxTours(views, mission, LegCosts(views, mission), 100.0 - mission.battery.threshold_percent)
+
+
+def shooting_of(mission: Mission, views: list[View], grid: VoxelGrid) -> Shooting:
+    """At rest, or in passing so slowly that neither motion blur nor the ground sampling distance suffers."""
+    spec = mission.survey
+    return Shooting(spec.stop_at_views, spec.settle_s, spec.pass_m, {})
