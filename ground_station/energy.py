@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,8 @@ from planning.trajectories.energy import energy_of
 
 EXPLORE_ENERGY_SHARE = 0.5
 """Share of the usable battery that exploration may take when a survey follows."""
+HANDLING_S = 0.3
+"""From sending a plan to the start of its flight, and from the end of its flight to the last picture."""
 DETOUR = 1.3
 """Ways home are taken to be this much longer than a straight line."""
 
@@ -46,12 +50,13 @@ class EnergyBudget:
 
     def route_percent(self, from_enu_m: Array, yaw_enu_rad: float, elevation_rad: float,
                       waypoints: list[Waypoint]) -> float:
-        """Of flying these waypoints from hovering, as the vehicle will: smoothed, and a tick begun at every stop."""
-        vias = [Via(np.array(w.position_enu_m), w.yaw_enu_rad, w.gimbal_elevation_rad, w.stop, w.settle_s)
-                for w in waypoints]
+        """Of flying these waypoints from hovering, as the vehicle will: smoothed, waiting for the next tick at every
+        stop, hovering while the plan is on its way up and the last picture on its way down."""
+        vias = [Via(np.array(w.position_enu_m), w.yaw_enu_rad, w.gimbal_elevation_rad, w.stop, w.settle_s, w.pass_m,
+                    w.speed_m_s or math.inf) for w in waypoints]
         flight = fly_route(State.at_rest(from_enu_m), yaw_enu_rad, elevation_rad, vias, self._limits)
-        begun_s = 0.5 * self._tick_s * sum(w.stop for w in waypoints)
-        return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(begun_s)
+        hovering_s = HANDLING_S + 0.5 * self._tick_s * sum(w.stop for w in waypoints)
+        return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(hovering_s)
 
     def _legs(self, displacement_enu_m: Array, length_m: Array) -> Array:
         return self._energy.leg_percent(displacement_enu_m, length_m, leg_time_s(length_m, self._limits))
