@@ -10,6 +10,8 @@ from ground_station.tours import Method
 from missions.camera import View
 from missions.grid import VoxelGrid
 from missions.mission import Mission
+from planning.nbv.standoff import nearest_depth_m
+from planning.trajectories import shutter_speed_m_s
 
 
 def method_of(mission: Mission, views: list[View]) -> Method:
@@ -21,5 +23,9 @@ def method_of(mission: Mission, views: list[View]) -> Method:
 
 def shooting_of(mission: Mission, views: list[View], grid: VoxelGrid) -> Shooting:
     """At rest, or in passing so slowly that neither motion blur nor the ground sampling distance suffers."""
-    spec = mission.survey
-    return Shooting(spec.stop_at_views, spec.settle_s, spec.pass_m, {})
+    spec, lens = mission.survey, mission.camera
+    camera = lens.survey_camera()
+    depth_m = nearest_depth_m(grid, [v.pose for v in views], camera)
+    speed_m_s = {v.view_id: shutter_speed_m_s(float(depth), camera.fx_px, lens.exposure_s, lens.max_blur_px, spec.gsd_m)
+                 for v, depth in zip(views, depth_m, strict=True)}
+    return Shooting(spec.stop_at_views, spec.settle_s, spec.pass_m, speed_m_s)

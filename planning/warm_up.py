@@ -13,6 +13,7 @@ from missions.mission import ExploreSpec
 from planning.nbv.gain import GainSpec, gain_field
 from planning.nbv.lattice import build_lattice
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
+from planning.nbv.standoff import nearest_depth_m
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 from planning.paths import MeshField, VoxelField, plan_path, reachable, voxelised
 from planning.paths.thesis_rrt import connect
@@ -59,6 +60,7 @@ def _plan_views(grid: VoxelGrid) -> None:
     way = np.ones(len(lattice.positions_enu_m))
     field = gain_field(grid, surface, wall.min(axis=0), wall.max(axis=0), GainSpec())
     next_views(field, lattice, camera, [VehicleQuery(1, np.zeros(3), way)], [lattice.pose(0, 0)], SearchSpec())
+    nearest_depth_m(grid, [lattice.pose(0, 0)], camera)
     plan_survey(grid, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
 
 

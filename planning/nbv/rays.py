@@ -115,6 +115,34 @@ def mark_rays(label, chance, seen, start, directions, reach, least):
 
 
 @nb.njit(cache=True)
+def first_hit(state, wanted, start, direction, reach):
+    """Ray length at which the first voxel with the wanted state is entered; inf when there is none within reach."""
+    i, tx, dx, si = _axis(start[0], direction[0])
+    j, ty, dy, sj = _axis(start[1], direction[1])
+    k, tz, dz, sk = _axis(start[2], direction[2])
+    t = 0.0
+    while t < reach:
+        if _inside(state.shape, i, j, k) and state[i, j, k] == wanted:
+            return t
+        if tx <= ty and tx <= tz:
+            t, tx, i = tx, tx + dx, i + si
+        elif ty <= tz:
+            t, ty, j = ty, ty + dy, j + sj
+        else:
+            t, tz, k = tz, tz + dz, k + sk
+    return np.inf
+
+
+@nb.njit(cache=True)
+def first_hits(state, wanted, start, directions, reach):
+    """(r,) `first_hit` along each direction (r, 3)."""
+    out = np.empty(len(directions))
+    for r in range(len(directions)):
+        out[r] = first_hit(state, wanted, start, directions[r], reach)
+    return out
+
+
+@nb.njit(cache=True)
 def segment_blocked(state, free, start, end, tolerance):
     """Whether any voxel that is not `free` lies between start and `tolerance` before end; outside the grid blocks."""
     direction = end - start
