@@ -135,7 +135,7 @@ def experiment(positions_enu_m: Array, vehicles: int, cost: LegCost, discharge: 
     for after_m, k in stopped:
         free = [j for j in tours if tours[j].stop is None]
         receivers = [_receiver(j, tours[j], positions, float(after_m), discharge) for j in free]
-        result = reassign(tours[k].left, receivers, between_m, "append")
+        result = reassign(tours[k].left, receivers, between_m)
         for j in sorted(set(result.receiver_of_view.values())):
             views = [v for v in tours[k].left if result.receiver_of_view.get(v) == j]
             tours[j] = replace(tours[j], added=_behind(tours[j], positions, views, obstacle, seed + k))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,21 +65,19 @@ def ownership(tours: Mapping[int, Sequence[int]]) -> Ownership:
 
 
 def reassign(remaining: Sequence[int], receivers: Sequence[Receiver], between_m: Array,
-             how: Literal["insert", "append"] = "insert", nearly_done: float = 0.8) -> Reassignment:
+             nearly_done: float = 0.8) -> Reassignment:
     """Share the remaining views of a vehicle that turned home or died out among the others.
 
     between_m: (n, n) ways between views. Vehicles that have covered `nearly_done` of their own task take them all where
-    their range allows; views beyond it go to the others. "append" keeps the views in order behind the receiver's own
-    tour, as in the thesis; "insert" puts each where it lengthens a tour least. No tour exceeds its range. Every view
-    is in exactly one tour or left over.
+    their range allows; views beyond it go to the others. A view goes behind the tour that is shortest with it, so that
+    the order is kept. No tour exceeds its range. Every view is in exactly one tour or left over.
     """
     tours = {r.vehicle_id: list(r.tour) for r in receivers}
     taken: dict[int, int] = {}
     free = [r for r in receivers if r.covered >= nearly_done]
     pending = list(remaining)
     for group in (free, [r for r in receivers if r not in free]):
-        offer = _insert if how == "insert" else _append
-        pending = offer(pending, group, tours, taken, between_m)
+        pending = _append(pending, group, tours, taken, between_m)
     return Reassignment(tours, taken, pending)
 
 
@@ -104,37 +101,3 @@ def _append(pending: list[int], group: list[Receiver], tours: dict[int, list[int
         tours[best.vehicle_id].append(view)
         taken[view] = best.vehicle_id
     return left
-
-
-def _insert(pending: list[int], group: list[Receiver], tours: dict[int, list[int]], taken: dict[int, int],
-            between_m: Array) -> list[int]:
-    left = list(pending)
-    offers = {r.vehicle_id: [_cheapest(view, r, tours[r.vehicle_id], between_m) for view in left] for r in group}
-    while left:
-        added, vehicle_id, which = min(((offer[0], r.vehicle_id, which) for r in group
-                                        for which, offer in enumerate(offers[r.vehicle_id])), default=(np.inf, -1, -1))
-        if not np.isfinite(added):
-            break
-        tours[vehicle_id].insert(offers[vehicle_id][which][1], left[which])
-        taken[left.pop(which)] = vehicle_id
-        for r in group:
-            offers[r.vehicle_id].pop(which)
-            if r.vehicle_id == vehicle_id:
-                offers[vehicle_id] = [_cheapest(view, r, tours[vehicle_id], between_m) for view in left]
-    return left
-
-
-def _cheapest(view: int, receiver: Receiver, tour: list[int], between_m: Array) -> tuple[float, int]:
-    """(added metres, place) of the cheapest place for a view in a tour; inf when the range does not allow it."""
-    if not tour:
-        added, at = np.array([receiver.from_here_m[view] + receiver.to_home_m[view]]), 0
-    else:
-        before = np.concatenate([[receiver.from_here_m[view]], between_m[tour, view]])
-        after = np.concatenate([between_m[view, tour], [receiver.to_home_m[view]]])
-        inner = between_m[tour[:-1], tour[1:]]
-        cut = np.concatenate([[receiver.from_here_m[tour[0]]], inner, [receiver.to_home_m[tour[-1]]]])
-        added = before + after - cut
-        at = int(np.argmin(added))
-    if tour_length_m(receiver, tour, between_m) + added[at] > receiver.range_m:
-        return float("inf"), at
-    return float(added[at]), at

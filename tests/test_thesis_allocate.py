@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from planning.allocate.thesis import allocate
 from planning.allocate.battery import affordable_views, predict, range_m, threshold_index
 from planning.allocate.cost import LegCost
+from planning.allocate.thesis import allocate
 from planning.allocate.thesis_reassign import Receiver, ownership, reassign, tour_length_m
 from planning.allocate.tours import closed_tour, open_tour
 from planning.allocate.ward import clusters_to_vehicles, ward_clusters
@@ -156,12 +156,12 @@ def handovers(draw: st.DrawFn) -> tuple[list[int], list[Receiver], NDArray[np.fl
     return [int(v) for v in np.flatnonzero(owner == -1)], receivers, LegCost().between(points, points)
 
 
-@given(handovers(), st.sampled_from(["insert", "append"]))
+@given(handovers())
 @settings(deadline=None, max_examples=150)
 def test_reassignment_loses_no_view_and_doubles_none(
-        handover: tuple[list[int], list[Receiver], NDArray[np.float64]], how: str) -> None:
+        handover: tuple[list[int], list[Receiver], NDArray[np.float64]]) -> None:
     remaining, receivers, between = handover
-    result = reassign(remaining, receivers, between, how)  # type: ignore[arg-type]
+    result = reassign(remaining, receivers, between)
     before = sorted(remaining + [v for r in receivers for v in r.tour])
     after = sorted(result.left_over + [v for tour in result.tours.values() for v in tour])
     assert before == after
@@ -169,7 +169,7 @@ def test_reassignment_loses_no_view_and_doubles_none(
     for r in receivers:
         tour = result.tours[r.vehicle_id]
         assert tour_length_m(r, tour, between) <= r.range_m + 1e-6
-        assert [v for v in tour if v in r.tour] == list(r.tour)
+        assert tour[: len(r.tour)] == list(r.tour)
         assert all(result.receiver_of_view[v] == r.vehicle_id for v in tour if v not in r.tour)
 
 
@@ -198,12 +198,10 @@ def test_what_the_free_vehicle_cannot_afford_goes_to_the_busy_one() -> None:
     assert result.receiver_of_view == {1: 2, 2: 1}
 
 
-def test_append_keeps_the_order_and_insert_shortens() -> None:
-    points = line(10, 30, 20)
+def test_what_is_taken_over_goes_behind_the_own_tour_in_its_order() -> None:
+    points = line(10, 30, 20, 5)
     free = receiver(1, [0, 1], 9, 0.0, points)
-    between = LegCost().between(points, points)
-    assert reassign([2], [free], between, "append").tours[1] == [0, 1, 2]
-    assert reassign([2], [free], between, "insert").tours[1] == [0, 2, 1]
+    assert reassign([2, 3], [free], LegCost().between(points, points)).tours[1] == [0, 1, 2, 3]
 
 
 def test_nobody_left_leaves_every_view_over() -> None:
