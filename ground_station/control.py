@@ -13,7 +13,6 @@ from missions.bus import Bus
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from planning.allocate.battery import range_m
 
 AWAY_M = 5.0
 MAX_RESCUES = 2
@@ -46,10 +45,6 @@ class Control:
     def usable_percent(self, drone: Drone, exploring: bool) -> float:
         """What a vehicle may still spend in this phase, the way home included."""
         return self.energy.usable_percent(drone.vehicle_id, drone.battery_percent, exploring)
-
-    def range_m(self, drone: Drone, exploring: bool) -> float:
-        """What a vehicle may still fly in this phase, the way home included."""
-        return range_m(self.usable_percent(drone, exploring), self.mission.battery.percent_per_m)
 
     def may_rescue(self, drone: Drone) -> bool:
         """Whether it helps, and is still allowed, to call a shut-in vehicle home."""
