@@ -23,6 +23,10 @@ CHUNK_VIEWS = 20
 """Views per upload: few enough that a reassigned view is flown soon, many enough that uploads do not count."""
 
 
+MOST_VIEWS = 30
+"""A tour's last upload may have so many, rather than leave a few for one more."""
+
+
 class Survey:
     """Tours, their execution in chunks, and reassignment."""
 
@@ -101,7 +105,7 @@ class Survey:
     def next_waypoints(self, flyer: Flyer, airspace: Airspace, teammates_enu_m: list[Array]) -> list[Waypoint]:
         """The vehicle's next chunk, every leg free of collisions; views without a way are handed back. May be empty."""
         queue = self._queue(flyer.vehicle_id)
-        size = self._chunk.get(flyer.vehicle_id, CHUNK_VIEWS)
+        size = self._chunk.get(flyer.vehicle_id, CHUNK_VIEWS if len(queue) > MOST_VIEWS else MOST_VIEWS)
         paths: list[Array] = []
         taken: list[View] = []
         here = flyer.position_enu_m

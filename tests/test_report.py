@@ -67,7 +67,9 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "plans": [{"vehicle_id": k, "phase": "survey", "views": 4, "start_s": 2.0, "end_s": 8.0, "start_percent": 98.0,
                    "end_percent": 92.0, "flown": k < 3, "predicted_percent": 6.3} for k in (1, 2, 3)],
         "reassignments": [{"view_id": 3, "from": 1, "to": 2, "t_s": 4.0, "reason": "energy"}],
-        "outcomes": {str(i): "flown" for i in range(9)}, "notes": ["a <b>note</b>"],
+        "outcomes": {str(i): "flown" if i else "unreachable" for i in range(9)},
+        "outcome_details": {"0": "no way <through>"},
+        "allocations": [{"t_s": 2.0, "why": "start", "open_views": 9, "wall_s": 0.25}], "notes": ["a <b>note</b>"],
         "battery_at_view": [{"view_id": 0, "vehicle_id": 1, "t_s": 1.0, "battery_percent": 99.0}]}))
     return run.root
 
@@ -133,6 +135,8 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     assert text.count("Plotly.newPlot(") == 8
     assert "Wall &amp; box" in text
     assert "a &lt;b&gt;note&lt;/b&gt;" in text
+    assert "<td>unreachable</td><td>no way &lt;through&gt;</td><td class=n>1</td><td class=n>0</td>" in text
+    assert "<td>2 s</td><td>start</td><td class=n>9</td><td class=n>0.25 s</td>" in text
     assert "scene: dropped 3 faces without area" in text
     titles = re.findall(r"<h2>(.*?)</h2>", text)
     assert titles == ["The reconstruction", "Exploration coverage", "Battery", "Tours", "Vehicles over time",

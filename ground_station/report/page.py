@@ -90,7 +90,7 @@ def _model(data: RunData, cloud: Cloud | None) -> str:
 def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
     coverage, battery = charts.coverage_curve(metrics["coverage"]), time_charts.battery_curves(data)
     space = charts.tours(data, cloud)
-    who = tables.vehicles(data, metrics) + "<h3></h3>" + tables.outcomes(data) if data.tracks or data.views else ""
+    who = [tables.vehicles(data, metrics), tables.outcomes(data), tables.allocations(data)]
     return "".join([
         pair(chart_section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
                            coverage),
@@ -98,7 +98,7 @@ def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
         chart_section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to "
                       "zoom, click a name to hide or show it.", space),
         _over_time(data, metrics),
-        section("Vehicles and views", "", who) if who else ""])
+        section("Vehicles and views", "", "<h3></h3>".join(t for t in who if t)) if data.tracks or data.views else ""])
 
 
 def _over_time(data: RunData, metrics: dict[str, Any]) -> str:

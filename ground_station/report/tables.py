@@ -60,14 +60,25 @@ def energy(metrics: dict[str, Any]) -> str:
 
 
 def outcomes(data: RunData) -> str:
-    """How many survey views ended how, and which ones were not flown."""
-    found = data.flight.get("outcomes") or {}
-    rows = []
-    for outcome, count in Counter(found.values()).most_common():
-        ids = sorted((int(i) for i, o in found.items() if o == outcome), key=int) if outcome != "flown" else []
-        listed = ", ".join(map(str, ids[:30])) + (" ..." if len(ids) > 30 else "")
-        rows.append([escape(outcome), str(count), escape(listed)])
-    return table(["Outcome of survey views", "views", "view ids"], rows) if rows else ""
+    """How many survey views ended how, and which ones were not flown for what reason."""
+    found, details = data.flight.get("outcomes") or {}, data.flight.get("outcome_details") or {}
+    groups: dict[tuple[str, str], list[int]] = {}
+    for view_id, outcome in found.items():
+        groups.setdefault((outcome, details.get(view_id, "")), []).append(int(view_id))
+    rows = [[escape(outcome), escape(detail), str(len(ids)), "" if outcome == "flown" else _listed(sorted(ids))]
+            for (outcome, detail), ids in sorted(groups.items(), key=lambda item: -len(item[1]))]
+    return table(["Outcome of survey views", "why", "views", "view ids"], rows, numeric_from=2) if rows else ""
+
+
+def allocations(data: RunData) -> str:
+    """When tours were made, why, and how long that took."""
+    rows = [[f"{a['t_s']:.0f} s", escape(a["why"]), str(a["open_views"]), f"{a['wall_s']:.2f} s"]
+            for a in data.flight.get("allocations") or []]
+    return table(["Tours made", "because of", "open views", "computed in"], rows, numeric_from=2) if rows else ""
+
+
+def _listed(ids: list[int]) -> str:
+    return ", ".join(map(str, ids[:30])) + (" ..." if len(ids) > 30 else "")
 
 
 def resources(metrics: dict[str, Any]) -> str:
