@@ -32,6 +32,7 @@ COMMANDS = (
     Command("reconstruct", "ground_station.stages:main_reconstruct", "pictures of a run to cloud and mesh"),
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
+    Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on a run's views"),
     Command("bench", "ground_station.cli:bench", "measure one part: render, allocate, paths, deconflict, energy"),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
 )

@@ -11,6 +11,7 @@ import numpy as np
 from missions.camera import Pose, View
 from missions.errors import UserError
 from missions.frames import matrix_from_quaternion, wrap_pi, yaw_elevation_from_forward
+from missions.mission_file import MISSIONS_FOLDER
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 ANGLES = ("yaw_deg", "elevation_deg")
@@ -18,8 +19,13 @@ PLACE = ("east_m", "north_m", "up_m")
 
 
 def read_views(path: Path) -> list[View]:
-    """The views of a file, in its order. Quaternions are enu_from_camera, yaw is counter-clockwise from East; roll is
-    dropped. Raises UserError naming file, line and remedy."""
+    """The views of a file, in its order; a relative path that is not there is looked for beside the missions that come
+    with swarmscan. Quaternions are enu_from_camera, yaw is counter-clockwise from East; roll is dropped.
+
+    Raises UserError naming file, line and remedy.
+    """
+    if not path.is_file() and (MISSIONS_FOLDER / path).is_file():
+        path = MISSIONS_FOLDER / path
     try:
         with path.open(newline="", encoding="utf-8") as f:
             reader = csv.DictReader(f)

@@ -85,6 +85,11 @@ class RunFolder:
         return self.root / "map.npz"
 
     @property
+    def thesis_waypoints(self) -> Path:
+        """Missions with the thesis's method: a row per planned waypoint with its vehicle and the id of origin (npz)."""
+        return self.root / "thesis_waypoints.npz"
+
+    @property
     def cloud(self) -> Path:
         """Reconstructed cloud: x y z, red green blue, nx ny nz, confidence."""
         return self.root / "cloud.ply"

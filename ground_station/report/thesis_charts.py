@@ -80,7 +80,7 @@ def distances(run: ThesisRun) -> go.Figure:
              for (cost, plan), tint in zip(run.plans.items(), (INK, "#56B4E9"), strict=False)]
     for name, lengths, tint in bars:
         figure.add_bar(x=names, y=lengths, name=name, marker={"color": tint}, texttemplate="%{y:.0f}")
-    figure.update_layout(barmode="group")
+    figure.update_layout(barmode="group", legend={"y": -0.15, "yanchor": "top"})
     return figure
 
 

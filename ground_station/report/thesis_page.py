@@ -6,8 +6,8 @@ from ground_station.report import thesis_charts as figures
 from ground_station.report.run_data import RunData
 from ground_station.report.sections import chart, chart_section, pair, section
 from ground_station.report.tables import table
-from ground_station.report.thesis import PLANS, ReportedPlan
-from ground_station.report.thesis_run import ThesisRun, plan_run
+from ground_station.report.thesis import ReportedPlan
+from ground_station.report.thesis_run import ThesisRun, plan_run, reported_plan, write_waypoints
 from missions.errors import UserError
 from planning.allocate.thesis_experiment import Experiment
 from planning.paths.thesis import NO_VIEW
@@ -16,7 +16,7 @@ NOT_GIVEN = "–"
 
 
 def thesis_part(data: RunData) -> str:
-    """HTML; empty for missions that do not fly the thesis's method."""
+    """HTML; empty for missions that do not fly the thesis's method. Writes the plan's waypoints into the run folder."""
     if data.mission.survey.method != "thesis":
         return ""
     try:
@@ -24,18 +24,20 @@ def thesis_part(data: RunData) -> str:
     except UserError as e:
         data.notes.append(str(e))
         return ""
-    reported = PLANS.get("" if data.mission.scene.path else data.mission.scene.name)
+    reported = reported_plan(data.mission)
     flown = data.mission.survey.cost
+    write_waypoints(run.plans[flown], data.run.thesis_waypoints)
     return _clustering(run, run.plans[flown], reported) + _batteries(data, run, reported) + section(
-        f"Planned tours by {figures.COST_NAMES[flown]}" + _figure(reported.tours_figure if reported else None),
+        f"Planned tours, {figures.COST_NAMES[flown]}" + _figure(reported.tours_figure if reported else None),
         "As planned with the true structure known; dotted where a vehicle took views over, diamonds where waypoints "
         "without a picture lead around the structure.", chart(figures.tours(run, run.plans[flown])))
 
 
 def _clustering(run: ThesisRun, plan: Experiment, reported: ReportedPlan | None) -> str:
+    head, *rows = comparison_rows(run, reported)
     return "".join([
         section("The thesis's experiment beside this run", "Section 5.3, forecast by Algorithm 1 over the "
-                "views of this run. Vehicles count from 1 here and from 0 in the thesis.", comparison(run, reported)),
+                "views of this run. Vehicles count from 1 here and from 0 in the thesis.", table(head, rows)),
         pair(chart_section("Views per vehicle (Figure 5.7)", "The size of each Ward cluster.",
                            figures.points_per_uav(plan, reported)),
              chart_section("Path lengths (Figure 5.9)", "Views in the order they were taken, and as networkx tours.",
@@ -51,27 +53,26 @@ def _batteries(data: RunData, run: ThesisRun, reported: ReportedPlan | None) -> 
         flown = _levels(data, plan) if cost == data.mission.survey.cost else {}
         number = reported.figures.get(cost) if reported else None
         parts.append(chart_section(
-            f"Battery by {figures.COST_NAMES[cost]}" + _figure(number),
+            f"Battery, {figures.COST_NAMES[cost]}" + _figure(number),
             "Algorithm 1 over the waypoints of each tour, full at the first one; a cross where the threshold is met."
-            + (" Thin lines: the level at each picture as flown, with the ways from and to the pads." if flown else ""),
+            + (" Thin lines: as flown, at each picture, the way from the pad included." if any(flown.values()) else ""),
             figures.battery(plan, flown)))
     return pair(*parts)
 
 
-def comparison(run: ThesisRun, reported: ReportedPlan | None) -> str:
-    """A table: a row per quantity, a column per cost, the thesis's numbers beside ours."""
+def comparison_rows(run: ThesisRun, reported: ReportedPlan | None) -> list[list[str]]:
+    """The head, then a row per quantity: a column per cost, the thesis's numbers beside ours."""
     head = ["", *(f"{figures.COST_NAMES[cost]}{which}" for cost in run.plans for which in ("", ", thesis"))]
     names = ["views", "views per vehicle", "waypoints around the structure", "consumption (% per metre)",
              "tour lengths (m)", "stops at waypoint", "level there (%)", "points handed over", "of them, views",
              "views that nobody can afford", "legs without a way round"]
     columns = []
     for cost, plan in run.plans.items():
-        columns += [ours(plan), _theirs(reported, cost, len(names))]
-    return table(head, [[name, *(column[i] for column in columns)] for i, name in enumerate(names)])
+        columns += [_ours(plan), _theirs(reported, cost, len(names))]
+    return [head, *([name, *(column[i] for column in columns)] for i, name in enumerate(names))]
 
 
-def ours(plan: Experiment) -> list[str]:
-    """The cells of a column of `comparison`."""
+def _ours(plan: Experiment) -> list[str]:
     tours = list(plan.tours.values())
     stopped = [t for t in tours if t.stop is not None]
     return [

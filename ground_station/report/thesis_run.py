@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import trimesh
 
 from ground_station.report.run_data import RunData, Track
+from ground_station.report.thesis import PLANS, ReportedPlan
+from ground_station.views_file import read_views
 from missions.errors import UserError
 from missions.frames import Array
 from missions.messages import SiteBrief
+from missions.mission import Mission
 from missions.pads import geofence
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis_experiment import Discharge, Experiment, Obstacle, experiment, percent_per_m_to_stop
@@ -34,8 +38,11 @@ class ThesisRun:
 
 
 def planned_positions(data: RunData) -> Array:
-    """(n, 3) where the survey's views stand: exploration's pictures when these were flown again, else the survey's."""
+    """(n, 3) where the survey's views stand: those of a file, exploration's pictures when these are flown again, else
+    where the survey's pictures were taken."""
     spec = data.mission.survey
+    if spec.views == "file":
+        return np.array([v.pose.position_enu_m for v in read_views(Path(spec.views_path))])
     phase = "explore" if spec.views == "frames" else "survey"
     rows = sorted((v for v in data.views if v.phase == phase),
                   key=lambda v: (v.vehicle_id if phase == "explore" else 0, v.view_id))
@@ -65,6 +72,16 @@ def plan_run(data: RunData, percent_per_m: float | None = None, stop_index: int 
         discharge = replace(discharge, percent_per_m=consumption_for(
             free, stop_index, discharge.threshold_percent - BELOW_THRESHOLD_PERCENT))
     return ThesisRun(positions, {cost: plan(cost, discharge) for cost in COSTS}, _surface(data))
+
+
+def write_waypoints(plan: Experiment, path: Path) -> None:
+    """The thesis's .npz; its arrays are those of `Experiment.table`."""
+    np.savez_compressed(path, **plan.table())  # type: ignore[arg-type]
+
+
+def reported_plan(mission: Mission) -> ReportedPlan | None:
+    """What the thesis tells of a mission's scene; None where it is not one of its own."""
+    return PLANS.get("" if mission.scene.path else mission.scene.name)
 
 
 def consumption_for(plan: Experiment, stop_index: int, level_percent: float) -> float:
