@@ -6,13 +6,12 @@ import logging
 import time
 from collections.abc import Callable
 
-from ground_station.airspace import Airspace
 from ground_station.control import Control
 from ground_station.explore import Explorer
 from ground_station.fleet import Drone, Stage
 from ground_station.ledger import ENERGY, LOST
 from ground_station.survey import Survey
-from ground_station.survey_method import method_of, shooting_of
+from ground_station.survey_method import airspace_of, method_of, shooting_of
 from ground_station.survey_views import known_space, survey_views
 from ground_station.tours import Flyer
 from missions.clock import SECOND_NS
@@ -37,7 +36,7 @@ class SurveyPhase:
         explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
         flyers = self._flyers()
         views = survey_views(control.mission, control.site, grid, explored, [f.position_enu_m for f in flyers], prior)
-        self._airspace = Airspace.of(grid, control.mission, control.site, prior)
+        self._airspace = airspace_of(control.mission, control.site, grid, prior)
         self.survey = Survey(views, method_of(control.mission, views), shooting_of(control.mission, views, grid))
         self._allocate("start", lambda: self.survey.begin(flyers, self._t_s))
         log.info("survey: %d views for %d vehicles", len(views), len(flyers))

@@ -17,6 +17,7 @@ from missions.frames import Array
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import geofence
+from missions.prior_file import prior_file
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis_experiment import Discharge, Experiment, Obstacle, experiment, percent_per_m_to_stop
 
@@ -102,11 +103,12 @@ def _starts(tracks: list[Track], data: RunData) -> Array | None:
 
 
 def _obstacle(data: RunData, positions: Array) -> Obstacle | None:
-    """The true structure, which the thesis's planner knows; None when the run holds none."""
-    if not data.run.truth_mesh.is_file():
+    """The structure, which the thesis's planner knows: the prior model, else the truth; None when there is neither."""
+    known = [p for p in (prior_file(data.mission, data.run), data.run.truth_mesh) if p is not None and p.is_file()]
+    if not known:
         data.notes.append("truth/reference.ply is missing: the thesis's tours were not led around the structure.")
         return None
-    mesh = trimesh.load_mesh(data.run.truth_mesh, process=False)
+    mesh = trimesh.load_mesh(known[0], process=False)
     told = data.flight.get("site") or data.referee.get("site")
     if told is None:
         lower, upper = positions.min(axis=0) - BOUNDS_MARGIN_M, positions.max(axis=0) + BOUNDS_MARGIN_M

@@ -1,0 +1,45 @@
+"""Legs as the thesis leads them around a known structure, where they also keep the vehicle's clearance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ground_station.airspace import Airspace
+from ground_station.prior import Prior
+from missions.frames import Array
+from missions.grid import VoxelGrid
+from missions.messages import SiteBrief
+from missions.mission import Mission
+from planning.paths import NoPath
+from planning.paths.thesis import way_round
+
+
+@dataclass(frozen=True)
+class ThesisAirspace(Airspace):
+    """Section 4.4.3 to 4.4.5 first; our own planner where the thesis refuses, or comes nearer to the structure or to a
+    teammate than vehicles accept: it knows of neither clearance nor other vehicles."""
+
+    triangles: Array
+    """(t, 3, 3) of the prior model."""
+    seed: int
+
+    @classmethod
+    def with_prior(cls, prior: Prior, grid: VoxelGrid, mission: Mission, site: SiteBrief) -> ThesisAirspace:
+        """The airspace of a prior model."""
+        plain = Airspace.of(grid, mission, site, prior)
+        return cls(plain.field, plain.clearance_m, plain.separation_m, plain.lower_enu_m, plain.upper_enu_m,
+                   np.asarray(prior.mesh.triangles, dtype=np.float64), mission.seed)
+
+    def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array | None:
+        """As Airspace says."""
+        try:
+            way = way_round(self.triangles, start_enu_m, goal_enu_m, self.lower_enu_m, self.upper_enu_m, self.seed,
+                            margin_m=self.clearance_m)
+        except NoPath:
+            return super().path(start_enu_m, goal_enu_m, teammates_enu_m)
+        around = self.around(start_enu_m, teammates_enu_m)
+        if around.segments_clear(way[:-1], way[1:], self.clearance_m).all():
+            return way
+        return super().path(start_enu_m, goal_enu_m, teammates_enu_m)
