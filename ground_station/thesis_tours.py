@@ -47,8 +47,7 @@ class ThesisTours:
             receivers = [self._receiver(f, sorties[f.vehicle_id][0], now) for f in able]
             found = reassign([self._index[v] for v in views], receivers, self._between_m)
             for vehicle_id, tour in found.tours.items():
-                sorties[vehicle_id] = [_behind_sent(sorties[vehicle_id][0], [self._ids[i] for i in tour],
-                                                    now.sent.get(vehicle_id, 0))]
+                sorties[vehicle_id] = [[self._ids[i] for i in tour]]
             left_over |= {self._ids[i]: Outcome(ENERGY, "beyond what every battery allows") for i in found.left_over}
         return Tours(sorties, left_over)
 
@@ -59,9 +58,3 @@ class ThesisTours:
 
     def _away_m(self, place_enu_m: Array) -> Array:
         return np.asarray(DETOUR * np.linalg.norm(self._positions - place_enu_m, axis=1))
-
-
-def _behind_sent(before: list[int], after: list[int], sent: int) -> list[int]:
-    """The new tour with the views that are on board first, in the order in which they will be flown."""
-    first = before[:sent]
-    return first + [v for v in after if v not in first]

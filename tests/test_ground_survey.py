@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ground_station.airspace import Airspace
-from ground_station.ledger import ENERGY, FLOWN, UNREACHABLE, ViewLedger
+from ground_station.ledger import ENERGY, FLOWN, LOST, UNREACHABLE, ViewLedger
 from ground_station.leg_costs import LegCosts
 from ground_station.minmax_tours import MinmaxTours
 from ground_station.survey import CHUNK_VIEWS, Survey
@@ -57,43 +58,107 @@ GRID = free_grid()
 AIR, BEHIND_WALL = (Airspace.of(grid, MISSION, SITE) for grid in (GRID, free_grid(wall=True)))
 
 
+class Team:
+    """Vehicles that come to grief at random: plans refused, views blocked, batteries empty, swapped, vehicles lost."""
+
+    def __init__(self, survey: Survey, vehicles: int, rng: random.Random) -> None:
+        self.survey, self.rng = survey, rng
+        self.flyers = {k: flyer(k, swaps=rng.randrange(3)) for k in range(1, vehicles + 1)}
+        self.flown: list[int] = []
+
+    def able(self) -> list[Flyer]:
+        return [f for f in self.flyers.values() if f.usable_percent > 0.0 or f.swaps]
+
+    def fly(self, k: int, calm: bool) -> None:
+        me = self.flyers[k]
+        if me.swaps and self.survey.wants_swap(k):
+            self.survey.swapped(k)
+            me = self.flyers[k] = replace(me, usable_percent=80.0, swaps=me.swaps - 1)
+        waypoints = self.survey.next_waypoints(me, AIR, []) if self.survey.waiting(k) else []
+        plan = [w.view_id for w in waypoints if w.view_id is not None]
+        assert not plan or me.usable_percent > 0.0
+        assert not set(plan) & set(self.flown)
+        if plan and self.rng.random() < 0.1:
+            self.survey.plan_refused(k, "clearance")
+            return
+        for view_id in plan:
+            event = self.rng.random()
+            if event < 0.7:
+                self.survey.flown(view_id, k)
+                self.flown.append(view_id)
+            elif event < 0.8:
+                self.survey.not_flown(view_id, k, "blocked", "a crane")
+            elif event < 0.85 and not calm:
+                self.leave(k)
+                return
+        self.survey.plan_over(k)
+
+    def leave(self, k: int) -> None:
+        lost = self.rng.random() < 0.5
+        self.survey.gone(k, "lost" if lost else ENERGY)
+        self.flyers[k] = replace(self.flyers[k], usable_percent=0.0, swaps=0 if lost else self.flyers[k].swaps)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from([MISSION, THESIS]), st.integers(1, 4), st.integers(0, 30), st.randoms(use_true_random=False))
 def test_every_view_gets_exactly_one_outcome(mission: Mission, vehicles: int, n: int, rng: random.Random) -> None:
-    survey, alive = survey_of(views(n), mission), {k: flyer(k) for k in range(1, vehicles + 1)}
-    survey.begin(list(alive.values()), 0.0)
-    flown: list[int] = []
+    survey = survey_of(views(n), mission)
+    team = Team(survey, vehicles, rng)
+    survey.begin(team.able(), 0.0)
     for step in range(400):
         if survey.over:
             break
-        for k in sorted(alive):
-            waypoints = survey.next_waypoints(alive[k], AIR, []) if survey.waiting(k) else []
-            plan = [w.view_id for w in waypoints if w.view_id is not None]
-            assert not set(plan) & set(flown)
-            fate = rng.random()
-            if plan and fate < 0.1:
-                survey.plan_refused(k, "clearance")
-                continue
-            for view_id in plan:
-                event = rng.random()
-                if event < 0.7:
-                    survey.flown(view_id, k)
-                    flown.append(view_id)
-                elif event < 0.8:
-                    survey.not_flown(view_id, k, "blocked", "a crane")
-                elif event < 0.85 and step < 300:
-                    survey.gone(k, rng.choice([ENERGY, "lost"]))
-                    del alive[k]
-                    break
-            else:
-                survey.plan_over(k)
-        survey.redistribute(list(alive.values()), float(step))
-    outcomes = survey.ledger.outcomes()
+        for k in team.flyers:
+            team.fly(k, calm=step > 300)
+        if survey.news([f.vehicle_id for f in team.able()]):
+            survey.redistribute(team.able(), float(step))
+    outcomes, flown = survey.ledger.outcomes(), team.flown
     assert survey.over
     assert set(outcomes) == {str(10001 + i) for i in range(n)}
-    assert set(outcomes.values()) <= {FLOWN, UNREACHABLE, ENERGY, "lost"}
+    assert set(outcomes.values()) <= {FLOWN, UNREACHABLE, ENERGY, LOST}
     assert sorted(flown) == sorted(int(k) for k, v in outcomes.items() if v == FLOWN)
     assert len(flown) == len(set(flown))
+    assert set(survey.ledger.details()) == {k for k, v in outcomes.items() if v != FLOWN}
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 3), st.integers(0, 3), st.floats(1.0, 4.0))
+def test_tours_stay_within_each_battery_and_go_on_with_the_next(vehicles: int, swaps: int, usable: float) -> None:
+    targets = views(24)
+    costs = LegCosts(targets, MISSION)
+    flyers = [flyer(k, usable, swaps) for k in range(1, vehicles + 1)]
+    tours = MinmaxTours(targets, MISSION, costs, usable, QUICK, QUICK).begin(flyers)
+    given_out = [v for f in flyers for sortie in tours.sorties[f.vehicle_id] for v in sortie]
+    assert sorted([*given_out, *tours.left_over]) == [v.view_id for v in targets]
+    for f in flyers:
+        assert len(tours.sorties[f.vehicle_id]) <= 1 + swaps
+        for sortie in filter(None, tours.sorties[f.vehicle_id]):
+            i = [v - targets[0].view_id for v in sortie]
+            used = costs.from_place(f.home_enu_m).percent[i[0]] + costs.to_place(f.home_enu_m).percent[i[-1]]
+            assert used + costs.between.percent[i[:-1], i[1:]].sum() <= usable + 1e-4
+
+
+def test_whoever_joins_gets_views_of_the_others() -> None:
+    survey = survey_of(views(30))
+    survey.begin([flyer(1)], 0.0)
+    assert survey.news([1]) == ""
+    assert survey.news([1, 2]) == "join"
+    survey.redistribute([flyer(1), flyer(2)], 3.0)
+    assert survey.news([1, 2]) == ""
+    assert survey.left(1) + survey.left(2) == 30
+    assert survey.left(2) > 5
+    assert {(r["from"], r["to"], r["reason"]) for r in survey.ledger.reassignments} == {(1, 2, "balance")}
+
+
+def test_what_was_sent_stays_with_its_vehicle_in_the_order_sent() -> None:
+    survey = survey_of(views(60))
+    survey.begin([flyer(1), flyer(2)], 0.0)
+    sent = [w.view_id for w in survey.next_waypoints(flyer(2), AIR, []) if w.view_id is not None]
+    survey.gone(1, LOST)
+    survey.redistribute([flyer(2), flyer(3)], 1.0)
+    assert set(sent) <= set(survey.ledger.held_by(2))
+    assert not set(sent) & {w.view_id for w in survey.next_waypoints(flyer(2), AIR, [])}
+    assert survey.left(3) > 0
 
 
 def test_a_lost_vehicles_views_go_to_the_other_and_keep_their_origin() -> None:
