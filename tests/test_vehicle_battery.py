@@ -100,6 +100,18 @@ def test_stopping_everywhere_bounds_a_flight(stops: list[np.ndarray]) -> None:
     assert float(stops_percent(energy, points, 0.0, LIMITS).sum()) == pytest.approx(flown, rel=0.01, abs=1e-4)
 
 
+def test_at_the_threshold_one_more_picture_is_taken_of_a_long_run(tmp_path: Path) -> None:
+    world = World(mission(battery={"start_percent": [21.0], "threshold_percent": 20.0}), tmp_path)
+    world.share_map(open_map(world.mission))
+    world.upload(route([(1.2 * n - 14.0, -9, 5) for n in range(24)], stop=False), 1)
+    assert world.run(60, lambda: world.vehicles[1].battery.level_percent <= 20.0)
+    before = len(world.views())
+    assert 3 < before < 20
+    assert world.run(90, world.landed)
+    assert len(world.views()) == before + 1
+    assert [r.view_id for r in world.reports] == list(range(101 + before, 124))
+
+
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (0.0, 12.0, 0.0), (-9.0, -9.0, 0.0)])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_vehicle_always_lands_at_its_pad_with_the_reserve(seed: int, wind: tuple[float, float, float],

@@ -61,6 +61,7 @@ class Executor:
         self._target: int | None = None
         self._jump_to: int | None = None
         self._trail: list[Array] = []
+        self._last: int | None = None
 
     @property
     def flying(self) -> bool:
@@ -119,8 +120,8 @@ class Executor:
     def go_home(self, t_ns: int, outcome: str = "") -> None:
         """Return and land; views not flown are reported with this outcome."""
         if self.mode in (MISSION, HOLD, TAKEOFF):
-            if self.mode == MISSION and self.pilot.simulator.end_ns > t_ns and outcome == "energy":
-                return  # the leg under way is within the reserve; its picture is taken first
+            if outcome == "energy" and self._finishes_leg(t_ns):
+                return
             self._report_rest(outcome or "unreachable")
             self._halt(t_ns, RETURN)
 
@@ -294,13 +295,21 @@ class Executor:
         level = self.battery.level_percent
         return level > self._spec.threshold_percent and level - need >= self._spec.reserve_percent
 
+    def _finishes_leg(self, t_ns: int) -> bool:
+        """Whether the waypoint that was next when the energy ran low is still to come: it is within the reserve."""
+        if self.mode != MISSION or self.pilot.simulator.end_ns <= t_ns:
+            return False
+        if self._last is None:
+            self._last = self.index
+        return self.index <= self._last
+
     def _may_turn_back(self) -> bool:
         return self.mode == RETURN and self._views_left() and self.battery.level_percent > self._spec.threshold_percent
 
     def _halt(self, t_ns: int, mode: str) -> None:
         self.pilot.stop(t_ns)
         self.pilot.arrived()
-        self.mode, self._passing, self._target = mode, [], None
+        self.mode, self._passing, self._target, self._last = mode, [], None, None
 
     def _report_rest(self, outcome: str) -> None:
         following = self._next[0] if self._next is not None else None
