@@ -14,7 +14,7 @@ from missions.errors import UserError
 from missions.mission import AirframeSpec, Mission
 from planning.trajectories import Curve, Limits, State, Via, fly_run, leg_time_s
 from planning.trajectories.energy import DistanceEnergy, PowerEnergy, energy_of
-from planning.trajectories.power import GRAVITY_M_S2, fit, induced_m_s, published
+from planning.trajectories.power import GRAVITY_M_S2, PowerModel, fit, induced_m_s, published
 
 AIRFRAME = AirframeSpec()
 MODEL = fit(AIRFRAME)
@@ -49,6 +49,19 @@ def test_the_published_speeds_are_the_models_best_ones() -> None:
     watts = MODEL.cruise_w(speed)
     assert speed[watts.argmin()] == pytest.approx(AIRFRAME.endurance_m_s, rel=0.03)
     assert speed[(watts / speed).argmin()] == pytest.approx(AIRFRAME.range_m_s, rel=0.03)
+
+
+def test_the_model_draws_the_curve_of_its_source() -> None:
+    """Zeng, Xu and Zhang 2019, level flight with their constants; they neglect the tilt that drag asks for."""
+    weight, disk, solidity, tip, profile, induced, hover = 20.0, 0.503, 0.05, 120.0, 79.86, 88.63, 4.03
+    v = np.linspace(0.0, 25.0, 26)
+    theirs = (profile * (1.0 + 3.0 * v**2 / tip**2)
+              + induced * np.sqrt(np.sqrt(1.0 + v**4 / (4.0 * hover**4)) - v**2 / (2.0 * hover**2))
+              + 0.5 * 0.6 * 1.225 * solidity * disk * v**3)
+    mass = weight / GRAVITY_M_S2
+    ours = PowerModel(mass, mass, disk, 0.0, profile, 1.0, 0.6 * solidity * disk, tip).cruise_w(v)
+    np.testing.assert_allclose(ours, theirs, rtol=0.03)
+    np.testing.assert_allclose(ours[:11], theirs[:11], rtol=0.003)
 
 
 def test_the_fit_finds_the_constants_of_another_airframe() -> None:

@@ -40,7 +40,7 @@ NEWTON_STEPS = 12
 
 @dataclass(frozen=True)
 class PowerModel:
-    """The constants of one multirotor; the last three come from `fit`."""
+    """The constants of one multirotor; profile power, efficiency and drag come from `fit`."""
 
     mass_kg: float
     rated_mass_kg: float
@@ -53,6 +53,8 @@ class PowerModel:
     """Of battery, motors and rotors together, but for the profile power."""
     drag_m2: float
     """Drag coefficient times area."""
+    tip_speed_m_s: float = TIP_SPEED_M_S
+    """Of the rotors hovering without payload."""
 
     def power_w(self, velocity_enu_m_s: Array, acceleration_enu_m_s2: Array, wind_enu_m_s: Array) -> Array:
         """Watts (...) out of the battery at velocities and accelerations (..., 3) over ground in a steady wind (3,)."""
@@ -64,7 +66,7 @@ class PowerModel:
         through = np.einsum("...i,...i->...", air, thrust) / np.maximum(force, 1e-9)
         along2 = np.maximum(np.einsum("...i,...i->...", air, air) - through * through, 0.0)
         load = force / (self.rated_mass_kg * GRAVITY_M_S2)
-        profile = self.profile_w * np.sqrt(load) * (load + 3.0 * along2 / TIP_SPEED_M_S**2)
+        profile = self.profile_w * np.sqrt(load) * (load + 3.0 * along2 / self.tip_speed_m_s**2)
         induced = INDUCED_FACTOR * induced_m_s(force / (2.0 * AIR_KG_M3 * self.disk_m2), through, along2)
         return np.asarray(self.base_w + profile + np.maximum(force * (through + induced), 0.0) / self.efficiency)
 
