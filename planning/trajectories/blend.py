@@ -21,34 +21,6 @@ OUTLINE_M = 1e-3
 """The outline of a blend is at most this far from it."""
 
 
-def deviation_m(lateral_m_s: float, limits: Limits) -> float:
-    """How far a blend passes from its corner; lateral_m_s is v sin(turn / 2).
-
-    With m the lateral speed: m²/2a + a³/24j² where the acceleration a is reached, else m sqrt(2m/j) / 3.
-    """
-    a, j, m = limits.acceleration_m_s2, limits.jerk_m_s3, lateral_m_s
-    if 2.0 * m * j >= a * a:
-        return m * m / (2.0 * a) + a**3 / (24.0 * j * j)
-    return m * math.sqrt(2.0 * m / j) / 3.0
-
-
-def lateral_speed_m_s(deviation: float, limits: Limits) -> float:
-    """The inverse of deviation_m."""
-    a, j = limits.acceleration_m_s2, limits.jerk_m_s3
-    if deviation >= a**3 / (6.0 * j * j):
-        return math.sqrt(2.0 * a * (deviation - a**3 / (24.0 * j * j)))
-    return float(np.cbrt(4.5 * j * deviation * deviation))
-
-
-def fitting_speed_m_s(room_m: float, bend: float, limits: Limits) -> float:
-    """The speed whose blend takes room_m of either straight; bend is sin(turn / 2)."""
-    a, j = limits.acceleration_m_s2, limits.jerk_m_s3
-    triangle = float(np.cbrt(room_m * room_m * j / (2.0 * bend)))
-    if 2.0 * triangle * bend * j < a * a:
-        return triangle
-    return (math.sqrt(a * a / (4.0 * j * j) + 4.0 * bend * room_m / a) - a / (2.0 * j)) * a / (2.0 * bend)
-
-
 def blend(corner: Array, d1: Array, d2: Array, speed_m_s: float, limits: Limits) -> Curve:
     """Around a corner (3,) from direction d1 to d2, unit vectors (3,) that differ."""
     _, a, j = limits.motion

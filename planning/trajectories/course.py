@@ -11,7 +11,7 @@ import numpy as np
 
 from missions.frames import Array
 from planning.trajectories import profile
-from planning.trajectories.blend import blend, deviation_m, fitting_speed_m_s, lateral_speed_m_s, outline
+from planning.trajectories.blend import blend, outline
 from planning.trajectories.curve import Curve
 from planning.trajectories.leg import straight
 from planning.trajectories.limits import Limits
@@ -59,7 +59,7 @@ class Course:
 
     def __init__(self, start_enu_m: Array, vias: list[Via], turn_s: Array, limits: Limits) -> None:
         """turn_s (n,): what the camera needs from point i to via i."""
-        self._limits, self._vias, self._turn_s = limits, vias, turn_s
+        self._limits, self._vias, self._turn_s, self._rates = limits, vias, turn_s, limits.motion[1:]
         self._points = np.array([start_enu_m, *(v.position for v in vias)], dtype=np.float64)
         n = len(self._points)
         self._corners = _corners(self._points)
@@ -104,17 +104,17 @@ class Course:
         blocked = [(i, v) for i, v, curve in motion.blends if not clear(outline(curve, self._limits))]
         for i, speed in blocked:
             self._failures[i] += 1
-            half = 0.5 * deviation_m(speed * self._bend[i], self._limits)
-            tighter = lateral_speed_m_s(half, self._limits) / self._bend[i]
+            half = 0.5 * profile.deviation_m(speed * self._bend[i], *self._rates)
+            tighter = profile.lateral_speed_m_s(half, *self._rates) / self._bend[i]
             self._highest[i] = tighter if self._failures[i] <= TIGHTER else 0.0
         return len(blocked) > 0
 
     def _corner_speed(self, i: int, room_m: float) -> float:
         via, bend = self._vias[i - 1], self._bend[i]
-        within = lateral_speed_m_s(max(via.pass_m, EXACT_M), self._limits) / bend
+        within = profile.lateral_speed_m_s(max(via.pass_m, EXACT_M), *self._rates) / bend
         nearest = via.speed_m_s / max(math.sqrt(max(1.0 - bend * bend, 0.0)), 1e-9)
         allowed = 0.0 if via.stop else self._limits.speed_m_s
-        return float(min(allowed, within, nearest, fitting_speed_m_s(room_m, bend, self._limits)))
+        return float(min(allowed, within, nearest, profile.fitting_speed_m_s(room_m, bend, *self._rates)))
 
     def _beyond(self, nodes: list[int]) -> Array:
         """(n,) for each node on a straight, how much of it is left before the next blend at its largest."""
@@ -129,7 +129,7 @@ class Course:
     def _half_s(self, i: int, speed: float) -> float:
         if speed * self._bend[i] == 0.0:
             return 0.0
-        return 0.5 * float(profile.ramp_s(2.0 * speed * self._bend[i], *self._limits.motion[1:]))
+        return 0.5 * float(profile.ramp_s(2.0 * speed * self._bend[i], *self._rates))
 
     def _flown(self, nodes: list[int], speeds: Array, least_s: Array) -> Motion:
         parts: list[Curve] = []

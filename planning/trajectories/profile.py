@@ -92,6 +92,34 @@ def cruise_for(v1: float, v2: float, length: float, least_s: float, v: float, a:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def deviation_m(lateral_m_s: float, a: float, j: float) -> float:
+    """How far a blend (blend.py) passes from its corner; lateral_m_s is v sin(turn / 2).
+
+    With m the lateral speed: m²/2a + a³/24j² where the acceleration a is reached, else m sqrt(2m/j) / 3.
+    """
+    if 2.0 * lateral_m_s * j >= a * a:
+        return lateral_m_s * lateral_m_s / (2.0 * a) + a**3 / (24.0 * j * j)
+    return lateral_m_s * math.sqrt(2.0 * lateral_m_s / j) / 3.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def lateral_speed_m_s(deviation: float, a: float, j: float) -> float:
+    """The inverse of deviation_m."""
+    if deviation >= a**3 / (6.0 * j * j):
+        return math.sqrt(2.0 * a * (deviation - a**3 / (24.0 * j * j)))
+    return float((4.5 * j * deviation * deviation) ** (1.0 / 3.0))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def fitting_speed_m_s(room_m: float, bend: float, a: float, j: float) -> float:
+    """The speed whose blend takes room_m of either straight; bend is sin(turn / 2)."""
+    triangle = float((room_m * room_m * j / (2.0 * bend)) ** (1.0 / 3.0))
+    if 2.0 * triangle * bend * j < a * a:
+        return triangle
+    return (math.sqrt(a * a / (4.0 * j * j) + 4.0 * bend * room_m / a) - a / (2.0 * j)) * a / (2.0 * bend)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def plan_speeds(highest: Array, bend: Array, length: Array, least_s: Array, beyond: Array, v: float, a: float,
                 j: float) -> Array:
     """(n,) speeds at the nodes of a run, at rest at both ends, for the least total time.
