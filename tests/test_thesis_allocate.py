@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from planning.allocate.battery import affordable_views, predict, range_m, threshold_index
+from planning.allocate.battery import consume, range_m, threshold_index
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis import allocate
 from planning.allocate.thesis_reassign import Receiver, ownership, reassign, tour_length_m
@@ -105,20 +105,22 @@ def test_open_tour_is_the_best_cut_of_the_round_trip(seed: int, views: int) -> N
     assert length(open_tour(between, ends, ends)) == pytest.approx(min(length(cut) for cut in cuts))
 
 
-@given(st.lists(st.floats(0.0, 500.0), max_size=20), st.floats(0.0, 100.0), st.floats(0.0, 1.0))
+@given(seeds, st.integers(1, 30), st.floats(0.0, 100.0), st.floats(0.0, 1.0))
 @settings(deadline=None)
-def test_forecast_is_algorithm_1(legs: list[float], start: float, rate: float) -> None:
+def test_forecast_is_algorithm_1(seed: int, count: int, start: float, rate: float) -> None:
+    points = scattered(seed, count)
     distance, level = [0.0], [start]
-    for delta in legs:
+    for i in range(1, count):
+        delta = float(np.linalg.norm(points[i] - points[i - 1]))
         distance.append(distance[-1] + delta)
         level.append(max(level[-1] - delta * rate, 0.0))
-    forecast = predict(np.array(legs), start, rate)
+    forecast = consume(points, start, rate)
     assert np.allclose(forecast.distance_m, distance)
     assert np.allclose(forecast.level_percent, level, atol=1e-9)
 
 
 def test_threshold_is_where_the_level_first_reaches_it() -> None:
-    forecast = predict(np.array([100.0, 100.0, 100.0]), 50.0, 0.1)
+    forecast = consume(line(0.0, 100.0, 200.0, 300.0), 50.0, 0.1)
     assert list(forecast.level_percent) == [50.0, 40.0, 30.0, 20.0]
     assert threshold_index(forecast, 20.0) == 3
     assert threshold_index(forecast, 19.0) is None
@@ -128,14 +130,6 @@ def test_range_is_what_is_left_above_the_reserve() -> None:
     assert range_m(60.0, 0.1, 20.0) == pytest.approx(400.0)
     assert range_m(10.0, 0.1, 20.0) == 0.0
     assert range_m(10.0, 0.0) == float("inf")
-
-
-def test_affordable_views_end_at_the_threshold_or_where_home_is_out_of_reach() -> None:
-    legs = np.array([100.0, 100.0, 100.0, 100.0])
-    assert affordable_views(legs, np.full(4, 10.0), 50.0, 0.1, 20.0) == 3
-    assert affordable_views(legs, np.array([10.0, 10.0, 250.0, 10.0]), 50.0, 0.1, 20.0) == 2
-    assert affordable_views(legs, np.full(4, 10.0), 100.0, 0.1, 20.0) == 4
-    assert affordable_views(legs[:0], legs[:0], 100.0, 0.1, 20.0) == 0
 
 
 @st.composite

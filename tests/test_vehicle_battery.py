@@ -1,4 +1,4 @@
-"""Algorithm 1 of the thesis, the simulated battery, and the energy that is kept back for the way home."""
+"""The simulated battery, and the energy that is kept back for the way home."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from hypothesis.extra.numpy import arrays
 
 from missions.mission import Mission
 from missions.pads import takeoff_points
+from planning.allocate.battery import consume
 from planning.trajectories import Limits, State, Via, fly_run
 from planning.trajectories.energy import DistanceEnergy, energy_of, stops_percent
 from tests.vehicle_world import NS, SITE, World, open_map, route
-from vehicle.battery import Battery, consume
+from vehicle.battery import Battery
 from vehicle.way_home import WayHome
 
 paths = st.integers(1, 30).flatmap(lambda n: arrays(np.float64, (n, 3), elements=st.floats(-1e3, 1e3)))
@@ -29,24 +30,6 @@ def mission(**sections: object) -> Mission:
     return msgspec.convert({"title": "test", "fleet": {"vehicles": 1}, **sections}, Mission)
 
 
-@given(paths, st.floats(1.0, 100.0), st.floats(0.0, 1.0))
-def test_levels_fall_with_distance_and_stop_at_zero(points: np.ndarray, full: float, rate: float) -> None:
-    distances, levels = consume(points, full, rate)
-    assert len(distances) == len(levels) == len(points)
-    assert distances[0] == 0.0
-    assert levels[0] == full
-    assert np.all(np.diff(distances) >= 0.0)
-    assert np.all(np.diff(levels) <= 0.0)
-    assert levels.min() >= 0.0
-    np.testing.assert_allclose(levels, np.maximum(full - rate * distances, 0.0), atol=1e-9)
-
-
-def test_the_thesis_example_of_four_points() -> None:
-    distances, levels = consume(np.array([[0.0, 0, 0], [3, 4, 0], [3, 4, 12], [3, 4, 200]]), 100.0, 0.5)
-    assert distances.tolist() == [0.0, 5.0, 17.0, 205.0]
-    assert levels.tolist() == [100.0, 97.5, 91.5, 0.0]
-
-
 @settings(max_examples=30)
 @given(st.lists(places, min_size=1, max_size=5), st.floats(0.0, 1.0))
 def test_by_distance_the_vehicle_spends_as_the_algorithm_says(stops: list[np.ndarray], rate: float) -> None:
@@ -56,7 +39,7 @@ def test_by_distance_the_vehicle_spends_as_the_algorithm_says(stops: list[np.nda
         curve = fly_run(State.at_rest(a), 0.0, 0.0, [Via(b, 0.0)], LIMITS).curve
         for t in np.arange(0.0, curve.duration_s, 0.7):
             battery.spend(curve, float(t), min(float(t) + 0.7, curve.duration_s))
-    assert battery.level_percent == pytest.approx(consume(points, 100.0, rate)[1][-1], abs=1e-6)
+    assert battery.level_percent == pytest.approx(consume(points, 100.0, rate).level_percent[-1], abs=1e-6)
 
 
 def test_a_battery_is_never_below_empty() -> None:

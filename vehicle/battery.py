@@ -6,19 +6,8 @@ Algorithm 1 of the thesis, percent per metre (`battery.model` of the mission).
 
 from __future__ import annotations
 
-import numpy as np
-
-from missions.frames import Array
 from planning.trajectories import Curve
 from planning.trajectories.energy import Energy
-
-
-def consume(points_m: Array, max_percent: float, percent_per_m: float) -> tuple[Array, Array]:
-    """(cumulative distances (n,), remaining levels (n,)) along points (n, 3): the thesis's Algorithm 1."""
-    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    distances = np.concatenate([[0.0], np.cumsum(steps)])
-    return distances, np.maximum(max_percent - percent_per_m * distances, 0.0)
 
 
 class Battery:

@@ -1,4 +1,4 @@
-"""What a tour will cost in battery: Algorithm 1 of the thesis, run ahead of the flight."""
+"""What a tour will cost in battery: Algorithm 1 of the thesis (its Figure 4.13), run ahead of the flight."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ class Forecast:
     level_percent: Array
 
 
-def predict(leg_m: Array, start_percent: float, percent_per_m: float) -> Forecast:
-    """Forecast over k legs: (k + 1,) distances and levels, the start included; levels never fall below 0."""
-    distance = np.concatenate([[0.0], np.cumsum(leg_m)])
+def consume(points_m: Array, start_percent: float, percent_per_m: float) -> Forecast:
+    """Algorithm 1 over points (k, 3): the first is where the flight starts; levels never fall below 0."""
+    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
+    distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return Forecast(distance, np.maximum(start_percent - percent_per_m * distance, 0.0))
 
 
@@ -34,16 +35,3 @@ def range_m(level_percent: float, percent_per_m: float, reserve_percent: float =
     if percent_per_m <= 0.0:
         return float("inf")
     return max(0.0, (level_percent - reserve_percent) / percent_per_m)
-
-
-def affordable_views(leg_m: Array, home_m: Array, start_percent: float, percent_per_m: float,
-                     threshold_percent: float) -> int:
-    """How many views of a tour can be flown before the vehicle must turn home.
-
-    leg_m: (k,) length of the leg to each view. home_m: (k,) way home from each. A view is affordable when the vehicle
-    leaves for it above the threshold and could still reach home from it.
-    """
-    level = predict(leg_m, start_percent, percent_per_m).level_percent
-    drained = start_percent - percent_per_m * (np.cumsum(leg_m) + home_m)
-    good = (level[:-1] > threshold_percent) & (drained >= 0.0)
-    return int(np.argmin(good)) if not good.all() else len(good)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
-from planning.allocate.battery import Forecast, predict, range_m, threshold_index
+from planning.allocate.battery import Forecast, consume, range_m, threshold_index
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis import allocate
 from planning.allocate.thesis_reassign import Ownership, Receiver, ownership, reassign
@@ -114,8 +114,7 @@ class Experiment:
 
 def forecast(points_enu_m: Array, discharge: Discharge) -> Forecast:
     """Algorithm 1 over points (n, 3)."""
-    legs = np.linalg.norm(np.diff(points_enu_m, axis=0), axis=1)
-    return predict(legs, discharge.start_percent, discharge.percent_per_m)
+    return consume(points_enu_m, discharge.start_percent, discharge.percent_per_m)
 
 
 def experiment(positions_enu_m: Array, vehicles: int, cost: LegCost, discharge: Discharge,

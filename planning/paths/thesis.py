@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
-from planning.paths.replan import NoPath
+from planning.paths import NoPath
 from planning.paths.thesis_boxes import FLAT_M, Box, clipped, halves, hit_triangles
 from planning.paths.thesis_rrt import connect
 
@@ -54,7 +54,8 @@ def repair_route(triangles: Array, route_enu_m: Array, lower_enu_m: Array, upper
     Equal arguments give equal routes. No segment of the result meets the mesh but those of refused legs.
     """
     route = np.asarray(route_enu_m, dtype=np.float64).reshape(-1, 3)
-    points, view, refused = [route[:1]], [np.zeros(len(route[:1]), dtype=np.int64)], {}
+    points, view = [route[:1]], [np.zeros(len(route[:1]), dtype=np.int64)]
+    refused: dict[int, str] = {}
     for leg in range(len(route) - 1):
         inserted = np.zeros((0, 3))
         try:
