@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from planning.allocate.minmax_kernels import State, Tables, anneal
-from planning.allocate.minmax_tables import Warm, sorties_of, state_of, tables_of
+from planning.allocate.minmax_kernels import anneal
+from planning.allocate.minmax_tables import Chain, Tables, Warm, chain_of, sorties_of, tables_of
 from planning.allocate.problem import Allocation, Problem, appraise
 
 HOT, COLD = 0.02, 1e-4
@@ -43,22 +43,27 @@ def solve(problem: Problem, effort: Effort | None = None, seed: int = 0, warm: W
     if not problem.views or not problem.vehicles:
         return appraise(problem, [[[]] for _ in range(problem.vehicles)])
     tables = tables_of(problem, warm)
-    states = [state_of(tables, warm, seed, chain) for chain in range(effort.chains)]
-    _search(tables, states, effort, HOT if warm is None else WARM_HOT)
-    best = min(states, key=lambda state: float(state.cost[1]))
-    return appraise(problem, sorties_of(tables, best, problem.vehicles))
+    chains = [chain_of(tables, seed, number) for number in range(effort.chains)]
+    _search(tables, chains, effort, HOT if warm is None else WARM_HOT)
+    best = min(chains, key=lambda chain: float(chain.cost[1]))
+    return appraise(problem, sorties_of(tables, best))
 
 
-def _search(tables: Tables, states: list[State], effort: Effort, hot: float) -> None:
+def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: float) -> None:
     """All chains side by side on threads (the kernels release the interpreter's lock); each touches its own state."""
-    with ThreadPoolExecutor(len(states)) as pool:
-        list(pool.map(lambda state: anneal(tables, state, 0, 1.0, 1.0), states))
-        scale = min(float(state.cost[2]) for state in states)
+    with ThreadPoolExecutor(len(chains)) as pool:
+        list(pool.map(lambda chain: _anneal(tables, chain, 0, 1.0, 1.0), chains))
+        scale = min(float(chain.cost[2]) for chain in chains)
         if not scale > 0.0:
             return
         for iterations, first, last in _rounds(effort):
             heat = [scale * hot * (COLD / hot) ** share for share in (first, last)]
-            list(pool.map(lambda state, n=iterations, h=heat: anneal(tables, state, n, h[0], h[1]), states))
+            list(pool.map(lambda chain, n=iterations, h=heat: _anneal(tables, chain, n, h[0], h[1]), chains))
+
+
+def _anneal(tables: Tables, chain: Chain, iterations: int, hot: float, cold: float) -> None:
+    anneal(tables.time, tables.energy, tables.near, tables.allowed, tables.remote, tables.weights, tables.free,
+           chain.nodes, chain.sorties, chain.finish, chain.best, chain.cost, chain.random, iterations, hot, cold)
 
 
 def _rounds(effort: Effort) -> Iterator[tuple[int, float, float]]:

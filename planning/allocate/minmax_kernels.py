@@ -1,16 +1,18 @@
 """Ruin and recreate for min-max tours: slack induction by string removals (SISR), compiled.
 
 Christiaens & Vanden Berghe, Transportation Science 54(2), 2020, doi 10.1287/trsc.2019.0914: strings of neighbouring
-views are cut out of neighbouring tours and put back greedily, with blinks; simulated annealing decides. Changed here
-for the time of the last vehicle: every other ruin begins in the tour of the vehicle that is home last, and a place that would make a
-vehicle later than the best known makespan costs extra.
+views are cut out of neighbouring sorties and put back greedily, with blinks; simulated annealing decides. Changed here
+for the time of the last vehicle: half of the ruins begin in a tour of the vehicle that is home last, and a place that
+would make a vehicle later than the best makespan so far costs extra.
 
-Sorties are linked rings: nodes 0..n-1 are views, node n + r is home in sortie r. Free tours have no home node.
+Sorties are linked rings of nodes: 0..n-1 are views, n + r is home in sortie r. A free tour's ring leaves its home out.
+Kernels take arrays one by one, because every array taken out of a tuple costs two atomic counts.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -20,257 +22,220 @@ from missions.frames import Array
 
 Ints = NDArray[np.int32]
 Costs = NDArray[np.float32]
+Records = NDArray[Any]
 
-class Tables(NamedTuple):
-    """What stays the same in a search: n views, r sorties, m vehicles, k kinds."""
+NODE = np.dtype([("after", "i4"), ("before", "i4"), ("sortie", "i4"), ("wanted", "i4"), ("leg", "f8"), ("tick", "i8"),
+                 ("locked", "?")], align=True)
+"""after, before: in the ring. sortie: -1 when nobody flies it. wanted: the vehicle that it costs to take the view from;
+-1: none. leg: seconds to the node after it. tick: of the last search that priced it. locked: stays where it is, with
+nothing put before it."""
+SORTIE = np.dtype([("owner", "i4"), ("kind", "i4"), ("size", "i4"), ("used", "f8"), ("budget", "f8")], align=True)
+"""owner: the vehicle; its sorties follow each other. size: views in it. used, budget: energy in percent."""
 
-    time: Costs
-    """(k, n + r, n + r) from node to node, service at the second included; home to itself: an empty sortie."""
-    energy: Costs
-    """The same in percent; (1, 1, 1) when energy does not limit."""
-    budget: Array
-    """(r,) energy of each sortie."""
-    near: Ints
-    """(n, w) nearest views of each view, nearest first."""
-    owner: Ints
-    """(r,) vehicle of each sortie; a vehicle's sorties follow each other."""
-    kind: Ints
-    """(r,) kind of that vehicle."""
-    allowed: NDArray[np.bool_]
-    """(m, n)"""
-    locked: NDArray[np.bool_]
-    """(n,) views that stay where they are, with nothing put before them."""
-    wanted: Ints
-    """(n,) vehicle from which it costs `change` to take a view away; -1: none."""
-    remote: Array
-    """(n,) how far off a view is."""
-    limited: bool
-    """Whether energy limits."""
-    free: bool
-    """Whether tours have no home."""
-    weights: Array
-    """params"""
+NEVER = math.inf
+STRINGS_MEAN = 10.0
+STRING_MOST = 10.0
+SPLIT_SHARE = 0.5
+SPLIT_STOP = 0.01
+TRIED_AGAIN = 10
+"""At most this many of the views that nobody flies are tried in one recreation."""
 
 
-class State(NamedTuple):
-    """One chain's tours and its best."""
-
-    after: Ints
-    """(n + r,) next node in the ring."""
-    before: Ints
-    sortie: Ints
-    """(n,) sortie of each view; -1 when nobody flies it."""
-    size: Ints
-    """(r,) views in each sortie."""
-    time: Array
-    """(r,)"""
-    used: Array
-    """(r,) energy"""
-    finish: Array
-    """(m,)"""
-    moved: Ints
-    """(1,) views that are not with the vehicle that wanted them."""
-    cost: Array
-    """(3,) cost now; least cost; penalty-free makespan of the best."""
-    best_after: Ints
-    best_sortie: Ints
-    random: NDArray[np.uint64]
-    """(1,) state of xorshift64*."""
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _uniform(random):
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _uniform(random: NDArray[np.uint64]) -> float:
+    """[0, 1) by xorshift64*."""
     x = random[0]
     x ^= x >> np.uint64(12)
     x ^= x << np.uint64(25)
     x ^= x >> np.uint64(27)
     random[0] = x
-    return ((x * np.uint64(0x2545F4914F6CDD1D)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+    return float(((x * np.uint64(0x2545F4914F6CDD1D)) >> np.uint64(11)) * (1.0 / 9007199254740992.0))
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _below(random, bound):
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _below(random: NDArray[np.uint64], bound: float) -> int:
     return int(_uniform(random) * bound)
 
 
-@njit(cache=True, nogil=True)
-def _take_out(tables, state, view):
-    s = state.sortie[view]
-    p, q, k = state.before[view], state.after[view], tables.kind[s]
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def take_out(time: Costs, energy: Costs, nodes: Records, sorties: Records, finish: Array, view: int) -> None:
+    """Out of the sortie that flies it."""
+    s = nodes[view].sortie
+    p, q, k = nodes[view].before, nodes[view].after, sorties[s].kind
+    nodes[view].sortie = -1
+    sorties[s].size -= 1
+    vehicle = sorties[s].owner
     if p == view:
-        gain = -float(tables.time[k, view, view])
-    else:
-        gain = float(tables.time[k, p, q]) - float(tables.time[k, p, view]) - float(tables.time[k, view, q])
-        state.after[p] = q
-        state.before[q] = p
-        if tables.limited:
-            state.used[s] += (float(tables.energy[k, p, q]) - float(tables.energy[k, p, view])
-                              - float(tables.energy[k, view, q]))
-    state.time[s] += gain
-    state.finish[tables.owner[s]] += gain
-    state.size[s] -= 1
-    state.sortie[view] = -1
-    if tables.wanted[view] >= 0 and tables.wanted[view] != tables.owner[s]:
-        state.moved[0] -= 1
+        finish[vehicle] -= nodes[view].leg
+        return
+    leg = float(time[k, p, q])
+    finish[vehicle] += leg - nodes[p].leg - nodes[view].leg
+    if len(energy):
+        sorties[s].used += float(energy[k, p, q]) - float(energy[k, p, view]) - float(energy[k, view, q])
+    nodes[p].after, nodes[p].leg = q, leg
+    nodes[q].before = p
 
 
-@njit(cache=True, nogil=True)
-def put_in(tables, state, view, p, s):
-    """Behind node p of sortie s; p = -1: alone in an empty free tour."""
-    k = tables.kind[s]
-    if p < 0:
-        state.after[view] = state.before[view] = view
-        added = float(tables.time[k, view, view])
-    else:
-        q = state.after[p]
-        added = float(tables.time[k, p, view]) + float(tables.time[k, view, q]) - float(tables.time[k, p, q])
-        state.after[p] = view
-        state.before[view] = p
-        state.after[view] = q
-        state.before[q] = view
-        if tables.limited:
-            state.used[s] += (float(tables.energy[k, p, view]) + float(tables.energy[k, view, q])
-                              - float(tables.energy[k, p, q]))
-    state.time[s] += added
-    state.finish[tables.owner[s]] += added
-    state.size[s] += 1
-    state.sortie[view] = s
-    if tables.wanted[view] >= 0 and tables.wanted[view] != tables.owner[s]:
-        state.moved[0] += 1
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def put_in(time: Costs, energy: Costs, nodes: Records, sorties: Records, finish: Array, free: bool, view: int,
+           p: int) -> None:
+    """Behind node p; behind the home of an empty free tour: alone."""
+    s = nodes[p].sortie
+    k, vehicle = sorties[s].kind, sorties[s].owner
+    nodes[view].sortie = s
+    sorties[s].size += 1
+    if free and p >= len(nodes) - len(sorties):
+        nodes[view].after = nodes[view].before = view
+        nodes[view].leg = time[k, view, view]
+        finish[vehicle] += nodes[view].leg
+        return
+    q = nodes[p].after
+    to, on = float(time[k, p, view]), float(time[k, view, q])
+    finish[vehicle] += to + on - nodes[p].leg
+    if len(energy):
+        sorties[s].used += float(energy[k, p, view]) + float(energy[k, view, q]) - float(energy[k, p, q])
+    nodes[p].after, nodes[p].leg = view, to
+    nodes[view].before, nodes[view].after, nodes[view].leg = p, q, on
+    nodes[q].before = view
 
 
-@njit(cache=True, nogil=True)
-def _best_place(tables, state, view, goal):
-    """(node to fly it behind, sortie); sortie -1 when there is no place."""
-    n = len(tables.locked)
-    time, energy, limited, budget, weights = tables.time, tables.energy, tables.limited, tables.budget, tables.weights
-    near, owner, kind, allowed, locked = tables.near[view], tables.owner, tables.kind, tables.allowed, tables.locked
-    after, before, sortie, used, finish, size = state.after, state.before, state.sortie, state.used, state.finish, state.size
-    random = state.random
-    least, place, where = np.inf, np.int64(-1), np.int64(-1)
-    blink, late = weights[3], weights[1]
-    wanted = tables.wanted[view]
-    for i in range(len(near)):
-        other = near[i]
-        s = sortie[other]
-        if s < 0 or _uniform(random) < blink:
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _places(near: Ints, nodes: Records, sorties: Records, random: NDArray[np.uint64], free: bool, blink: float,
+            view: int, tick: int, places: Ints) -> int:
+    """Nodes that a view may be put behind: beside its nearest views, and at both ends of every sortie."""
+    count = 0
+    skip = int(math.log(1.0 - _uniform(random)) / blink)
+    for i in range(near.shape[1]):
+        other = near[view, i]
+        if nodes[other].sortie < 0:
             continue
-        vehicle = owner[s]
-        if not allowed[vehicle, view]:
+        if skip == 0:
+            skip = int(math.log(1.0 - _uniform(random)) / blink)
             continue
-        k = kind[s]
-        penalty = weights[2] if wanted >= 0 and wanted != vehicle else 0.0
-        to, back = time[k, other, view], time[k, view, other]
-        p, q = before[other], after[other]
-        if q >= n or not locked[q]:
-            added = to + time[k, view, q] - time[k, other, q]
-            if not (limited and used[s] + energy[k, other, view] + energy[k, view, q] - energy[k, other, q] > budget[s]):
-                price = added + late * max(0.0, finish[vehicle] + added - goal) + penalty
-                if price < least:
-                    least, place, where = price, other, s
-        if not locked[other]:
-            added = time[k, p, view] + back - time[k, p, other]
-            if not (limited and used[s] + energy[k, p, view] + energy[k, view, other] - energy[k, p, other] > budget[s]):
-                price = added + late * max(0.0, finish[vehicle] + added - goal) + penalty
-                if price < least:
-                    least, place, where = price, p, s
-    last_empty = -1
-    for s in range(len(owner)):
-        vehicle, k = owner[s], kind[s]
-        if size[s] == 0:
-            if vehicle == last_empty:
-                continue
-            last_empty = vehicle
-        if not allowed[vehicle, view]:
+        skip -= 1
+        p = nodes[other].before
+        if nodes[other].tick != tick:
+            nodes[other].tick = tick
+            places[count] = other
+            count += 1
+        if nodes[p].tick != tick:
+            nodes[p].tick = tick
+            places[count] = p
+            count += 1
+    n = len(nodes) - len(sorties)
+    empty = -1
+    for s in range(len(sorties)):
+        if sorties[s].size == 0:
+            if sorties[s].owner == empty:
+                continue  # all sorties with a fresh battery are alike
+            if s > 0 and sorties[s - 1].owner == sorties[s].owner:
+                empty = sorties[s].owner
+        elif free:
             continue
-        penalty = weights[2] if wanted >= 0 and wanted != vehicle else 0.0
-        if tables.free:
-            if size[s] > 0:
-                continue
-            alone = time[k, view, view]
-            price = alone + late * max(0.0, alone - goal) + penalty
-            if price < least:
-                least, place, where = price, -1, s
+        for end in range(2):
+            p = n + s if end == 0 else nodes[n + s].before
+            if nodes[p].tick != tick:
+                nodes[p].tick = tick
+                places[count] = p
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _best_place(time: Costs, energy: Costs, allowed: NDArray[np.bool_], nodes: Records, sorties: Records, finish: Array,
+                weights: Array, view: int, goal: float, places: Ints, count: int) -> int:
+    """The node to fly a view behind; -1 when there is none."""
+    least, best = NEVER, -1
+    wanted = nodes[view].wanted
+    late, change = weights[1], weights[2]
+    for i in range(count):
+        p = np.uint64(places[i])  # unsigned: what might be a negative index costs a check, and most time goes here
+        s = np.uint64(nodes[p].sortie)
+        q, k, vehicle = np.uint64(nodes[p].after), np.uint64(sorties[s].kind), np.uint64(sorties[s].owner)
+        if not allowed[vehicle, view] or nodes[q].locked:
             continue
-        for side in range(2):
-            p = np.int32(n + s) if side == 0 else before[n + s]
-            q = after[p]
-            if q < n and locked[q]:
+        price = time[k, p, view] + time[k, view, q] - nodes[p].leg
+        over = finish[vehicle] + price - goal
+        if over > 0.0:
+            price += late * over
+        if wanted >= 0 and wanted != vehicle:
+            price += change
+        if price >= least:
+            continue
+        if len(energy):
+            added = float(energy[k, p, view]) + float(energy[k, view, q]) - float(energy[k, p, q])
+            if not sorties[s].used + added <= sorties[s].budget:
                 continue
-            added = time[k, p, view] + time[k, view, q] - time[k, p, q]
-            if limited and used[s] + energy[k, p, view] + energy[k, view, q] - energy[k, p, q] > budget[s]:
-                continue
-            price = added + late * max(0.0, finish[vehicle] + added - goal) + penalty
-            if price < least:
-                least, place, where = price, p, s
-    return place, where
+        least, best = price, int(places[i])
+    return best
 
 
-@njit(cache=True, nogil=True)
-def _seed_view(tables, state):
-    """A view at whose place the ruin begins: every other time one of the vehicle that is home last."""
-    n = len(tables.locked)
-    view = _below(state.random, n)
-    if _uniform(state.random) < tables.weights[4]:
-        last = np.argmax(state.finish)
-        for _ in range(8 * len(state.finish)):
-            if state.sortie[view] >= 0 and tables.owner[state.sortie[view]] == last:
-                break
-            view = _below(state.random, n)
-    return view
-
-
-@njit(cache=True, nogil=True)
-def _cut_string(tables, state, view, length, gone, count, log):
-    """Take a string of `length` views that holds `view` out of its sortie; now and then views inside it stay."""
-    n = len(tables.locked)
-    s = state.sortie[view]
-    kept = 0
-    if length < state.size[s] and length > 1 and _uniform(state.random) < 0.5:
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _cut_string(time: Costs, energy: Costs, nodes: Records, sorties: Records, finish: Array, random: NDArray[np.uint64],
+                log: Ints, count: int, view: int, length: int) -> int:
+    """Take a string of `length` views that holds `view` out of its sortie; in half of the cases some inside stay."""
+    n, s = len(nodes) - len(sorties), nodes[view].sortie
+    kept, size = 0, sorties[s].size
+    if 1 < length < size and _uniform(random) < SPLIT_SHARE:
         kept = 1
-        while length + kept < state.size[s] and _uniform(state.random) >= tables.weights[9]:
+        while length + kept < size and _uniform(random) >= SPLIT_STOP:
             kept += 1
     node = view
-    for _ in range(_below(state.random, length + kept)):
-        if state.before[node] >= n or tables.locked[state.before[node]]:
+    for _ in range(_below(random, length + kept)):
+        if nodes[node].before >= n or nodes[nodes[node].before].locked:
             break
-        node = state.before[node]
-    kept_from = 1 + _below(state.random, length - 1) if kept else length + 1
-    cut = 0
-    passed = 0
-    while cut < length and state.size[s] > 0 and node < n and not tables.locked[node]:
-        follower = state.after[node]
-        if passed >= kept_from and kept > 0:
+        node = nodes[node].before
+    until_kept = 1 + _below(random, length - 1)
+    for _ in range(length + kept):
+        if node >= n or nodes[node].locked or nodes[node].sortie != s:
+            break
+        follower = nodes[node].after
+        if until_kept <= 0 and kept > 0:
             kept -= 1
         else:
-            log[count, 0], log[count, 1], log[count, 2] = node, state.before[node], s
-            if state.before[node] == node:
-                log[count, 1] = -1
-            gone[count] = node
+            log[count, 0] = node
+            log[count, 1] = nodes[node].before if nodes[node].before != node else n + s
             count += 1
-            cut += 1
-            _take_out(tables, state, node)
-        passed += 1
+            take_out(time, energy, nodes, sorties, finish, node)
+        until_kept -= 1
         node = follower
     return count
 
 
-@njit(cache=True, nogil=True)
-def _ruin(tables, state, gone, log, ruined):
-    """Views taken out, into `gone`; their number."""
-    mean = max(1.0, state.size.sum() / max(1, (state.size > 0).sum()))
-    longest = min(tables.weights[6], mean)
-    strings = 1 + _below(state.random, 4.0 * tables.weights[5] / (1.0 + longest) - 1.0)
-    seed = _seed_view(tables, state)
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _seed_view(nodes: Records, sorties: Records, finish: Array, random: NDArray[np.uint64], last_share: float) -> int:
+    """A view at whose place the ruin begins: in half of the cases one of the vehicle that is home last."""
+    n = len(nodes) - len(sorties)
+    view = _below(random, n)
+    if _uniform(random) < last_share:
+        last = np.argmax(finish)
+        for _ in range(8 * len(finish)):
+            if nodes[view].sortie >= 0 and sorties[nodes[view].sortie].owner == last:
+                break
+            view = _below(random, n)
+    return int(view)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _ruin(time: Costs, energy: Costs, near: Ints, nodes: Records, sorties: Records, finish: Array,
+          random: NDArray[np.uint64], weights: Array, log: Ints, ruined: NDArray[np.bool_]) -> int:
+    """Takes strings of views out of neighbouring sorties; writes (view, node before it) to `log`; how many."""
+    flown, flying = 0, 0
+    for s in range(len(sorties)):
+        flown += sorties[s].size
+        flying += sorties[s].size > 0
+    longest = min(weights[6], max(1.0, flown / max(1, flying)))
+    strings = 1 + _below(random, 4.0 * weights[5] / (1.0 + longest) - 1.0)
+    seed = _seed_view(nodes, sorties, finish, random, weights[4])
     ruined[:] = False
     count = 0
-    for i in range(-1, tables.near.shape[1]):
-        view = seed if i < 0 else tables.near[seed, i]
-        s = state.sortie[view]
-        if s < 0 or ruined[s] or tables.locked[view]:
+    for i in range(-1, near.shape[1]):
+        view = seed if i < 0 else near[seed, i]
+        s = nodes[view].sortie
+        if s < 0 or ruined[s] or nodes[view].locked:
             continue
-        length = 1 + _below(state.random, min(state.size[s], longest))
-        count = _cut_string(tables, state, view, length, gone, count, log)
+        length = 1 + _below(random, min(float(sorties[s].size), longest))
+        count = _cut_string(time, energy, nodes, sorties, finish, random, log, count, view, length)
         ruined[s] = True
         strings -= 1
         if strings == 0:
@@ -278,102 +243,116 @@ def _ruin(tables, state, gone, log, ruined):
     return count
 
 
-@njit(cache=True, nogil=True)
-def _sort_for_return(tables, state, gone, count):
-    dice = _uniform(state.random) * tables.weights[10]
-    keys = np.empty(count)
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _order(remote: Array, random: NDArray[np.uint64], pool: Ints, keys: Array, count: int) -> None:
+    """The order in which views are put back: at random, the remotest first, or the nearest first, as 4 : 2 : 1."""
+    dice = 7.0 * _uniform(random)
     for i in range(count):
-        keys[i] = _uniform(state.random) if dice < 4.0 else -tables.remote[gone[i]] if dice < 6.0 else tables.remote[gone[i]]
-    gone[:count] = gone[:count][np.argsort(keys)]
+        view = pool[i]
+        key = _uniform(random) if dice < 4.0 else -remote[view] if dice < 6.0 else remote[view]
+        j = i
+        while j > 0 and keys[j - 1] > key:
+            pool[j], keys[j] = pool[j - 1], keys[j - 1]
+            j -= 1
+        pool[j], keys[j] = view, key
 
 
-@njit(cache=True, nogil=True)
-def _cost(tables, state, absent):
-    return (state.finish.max() + tables.weights[0] * state.finish.sum() + tables.weights[2] * state.moved[0]
-            + tables.weights[7] * absent)
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _cost(nodes: Records, sorties: Records, finish: Array, weights: Array, waiting: int) -> float:
+    moved = 0
+    if weights[2] > 0.0:
+        for view in range(len(nodes) - len(sorties)):
+            wanted, s = nodes[view].wanted, nodes[view].sortie
+            moved += wanted >= 0 and s >= 0 and sorties[s].owner != wanted
+    return float(finish.max() + weights[0] * finish.sum() + weights[2] * moved + weights[7] * waiting)
 
 
-@njit(cache=True, nogil=True)
-def anneal(tables, state, iterations, hot, cold):
-    """Ruin and recreate `iterations` times while the temperature falls from hot to cold; the best stays in `state`."""
-    n, r = len(tables.locked), len(tables.owner)
-    absent = np.flatnonzero(state.sortie < 0).astype(np.int32)
-    if len(absent):
-        for i in np.argsort(-tables.remote[absent]) if tables.weights[8] > 0 else np.arange(len(absent)):
-            p, s = _best_place(tables, state, absent[i], state.cost[1])
-            if s >= 0:
-                put_in(tables, state, absent[i], p, s)
-    waiting = np.empty(n, dtype=np.int32)
-    missing = 0
-    for v in range(n):
-        if state.sortie[v] < 0:
-            waiting[missing] = v
-            missing += 1
-    state.cost[0] = _cost(tables, state, missing)
-    if state.cost[0] < state.cost[1]:
-        _keep(state, missing)
-    gone, log, ruined = np.empty(n + 16, dtype=np.int32), np.empty((n + 16, 3), dtype=np.int32), np.zeros(r, dtype=np.bool_)
-    time, used, finish, moved = state.time.copy(), state.used.copy(), state.finish.copy(), 0
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _undo(time: Costs, energy: Costs, nodes: Records, sorties: Records, finish: Array, free: bool, pool: Ints,
+          count: int, log: Ints, removed: int) -> None:
+    """Out with what was put in, and back with what was taken out, the last first."""
+    for i in range(count):
+        if nodes[pool[i]].sortie >= 0:
+            take_out(time, energy, nodes, sorties, finish, pool[i])
+    for i in range(removed - 1, -1, -1):
+        put_in(time, energy, nodes, sorties, finish, free, log[i, 0], log[i, 1])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _still_waiting(nodes: Records, waiting: Ints, left: int, log: Ints, removed: int) -> int:
+    """Keeps in `waiting` what nobody flies; how many."""
+    kept = 0
+    for i in range(left + removed):
+        view = waiting[i] if i < left else log[i - left, 0]
+        if nodes[view].sortie < 0:
+            waiting[kept] = view
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _draw_pool(random: NDArray[np.uint64], log: Ints, removed: int, waiting: Ints, left: int, tried: int,
+               pool: Ints) -> int:
+    """The views to put in: those taken out, and some of those that nobody flies; how many."""
+    pool[:removed] = log[:removed, 0]
+    for i in range(min(left, tried)):
+        j = i + _below(random, left - i)
+        waiting[i], waiting[j] = waiting[j], waiting[i]
+        pool[removed + i] = waiting[i]
+    return removed + min(left, tried)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def anneal(time: Costs, energy: Costs, near: Ints, allowed: NDArray[np.bool_], remote: Array, weights: Array,
+           free: bool, nodes: Records, sorties: Records, finish: Array, best: Records, cost: Array,
+           random: NDArray[np.uint64], iterations: int, hot: float, cold: float) -> None:
+    """Ruin and recreate while the temperature falls from hot to cold.
+
+    time: (k, n + r, n + r) from node to node; energy likewise, or (0, 1, 1) when it does not limit. near: (n, w).
+    allowed: (m, n). remote: (n,). nodes: (n + r,), sorties: (r,), finish: (m,) the tours now, changed in place;
+    best: (n + r,) the nodes of the best. cost: (3,) of the tours now and the best, and the makespan of the best.
+    """
+    n, r = len(nodes) - len(sorties), len(sorties)
+    log, ruined = np.empty((n + 1, 2), dtype=np.int32), np.zeros(r, dtype=np.bool_)
+    pool, keys, waiting = np.empty(n + 1, dtype=np.int32), np.empty(n + 1), np.empty(2 * n, dtype=np.int32)
+    places = np.empty(2 * near.shape[1] + 2 * r, dtype=np.int32)
+    blink = math.log(1.0 - weights[3])
+    tick = nodes["tick"].max()
+    for view in range(n):
+        waiting[view] = view
+    left = _still_waiting(nodes, waiting, n, log, 0)
+    saved_sorties, saved_finish = sorties.copy(), finish.copy()
     cooling = (cold / hot) ** (1.0 / max(1, iterations))
-    heat = hot
-    for _ in range(iterations):
-        heat *= cooling
-        time[:], used[:], finish[:], moved = state.time, state.used, state.finish, state.moved[0]
-        removed = _ruin(tables, state, gone, log, ruined)
-        pool = removed
-        for _ in range(min(missing, 10)):
-            view = waiting[_below(state.random, missing)]
-            for i in range(removed, pool):
-                if gone[i] == view:
-                    break
-            else:
-                gone[pool] = view
-                pool += 1
-        _sort_for_return(tables, state, gone, pool)
+    for iteration in range(-1, iterations):
+        saved_sorties[:] = sorties
+        saved_finish[:] = finish
+        removed, tried = 0, n
+        if iteration >= 0:
+            removed = _ruin(time, energy, near, nodes, sorties, finish, random, weights, log, ruined)
+            tried = TRIED_AGAIN
+        count = _draw_pool(random, log, removed, waiting, left, tried, pool)
+        _order(remote, random, pool, keys, count)
+        goal = cost[2] * (1.0 - weights[11] * _uniform(random))
         back = 0
-        for i in range(pool):
-            p, s = _best_place(tables, state, gone[i], state.cost[2])
-            if s >= 0:
-                put_in(tables, state, gone[i], p, s)
+        for i in range(count):
+            tick += 1
+            found = _places(near, nodes, sorties, random, free, blink, pool[i], tick, places)
+            p = _best_place(time, energy, allowed, nodes, sorties, finish, weights, pool[i], goal, places, found)
+            if p >= 0:
+                put_in(time, energy, nodes, sorties, finish, free, pool[i], p)
                 back += 1
-        cost = _cost(tables, state, missing + removed - back)
-        if cost >= state.cost[0] - heat * np.log(1.0 - _uniform(state.random)):
-            for i in range(pool - 1, -1, -1):
-                if state.sortie[gone[i]] >= 0:
-                    _take_out(tables, state, gone[i])
-            for i in range(removed - 1, -1, -1):
-                put_in(tables, state, log[i, 0], log[i, 1], log[i, 2])
-            state.time[:], state.used[:], state.finish[:], state.moved[0] = time, used, finish, moved
+        new = _cost(nodes, sorties, finish, weights, left + removed - back)
+        threshold = cost[0] - hot * math.log(1.0 - _uniform(random))
+        hot *= cooling
+        if iteration >= 0 and new >= threshold:
+            _undo(time, energy, nodes, sorties, finish, free, pool, count, log, removed)
+            sorties[:] = saved_sorties
+            finish[:] = saved_finish
             continue
-        state.cost[0] = cost
-        if missing + removed - back:
-            kept = 0
-            for i in range(missing):
-                if state.sortie[waiting[i]] < 0:
-                    waiting[kept] = waiting[i]
-                    kept += 1
-            for i in range(pool):
-                if state.sortie[gone[i]] < 0:
-                    known = False
-                    for j in range(kept):
-                        known = known or waiting[j] == gone[i]
-                    if not known:
-                        waiting[kept] = gone[i]
-                        kept += 1
-            missing = kept
-        else:
-            missing = 0
-        if cost < state.cost[1]:
-            state.cost[1] = cost
-            state.cost[2] = state.finish.max()
-            state.best_after[:] = state.after
-            state.best_sortie[:] = state.sortie
-    return missing
-
-
-@njit(cache=True, nogil=True)
-def _keep(state, missing):
-    state.cost[1] = state.cost[0]
-    state.cost[2] = state.finish.max()
-    state.best_after[:] = state.after
-    state.best_sortie[:] = state.sortie
+        cost[0] = new
+        if left or back < removed:
+            left = _still_waiting(nodes, waiting, left, log, removed)
+        if new < cost[1]:
+            cost[1] = new
+            cost[2] = finish.max()
+            best[:] = nodes

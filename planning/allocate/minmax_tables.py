@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
-from planning.allocate.minmax_kernels import Costs, State, Tables, put_in
+from planning.allocate.minmax_kernels import NODE, SORTIE, Costs, Ints, Records, put_in
 from planning.allocate.problem import Problem, Sorties, Ways
 
 NEAR = 40
 """Places beside this many nearest views are tried for each view."""
-WEIGHTS = {"sum": 0.01, "late": 4.0, "change": 0.0, "blink": 0.01, "last": 0.5, "mean": 10.0, "string": 10.0,
-           "absent": 1e6, "far": 1.0, "split": 0.01, "sort": 7.0}
+WEIGHTS = {"sum": 0.001, "late": 50.0, "change": 0.0, "blink": 0.01, "last": 0.5, "mean": 10.0, "string": 10.0,
+           "absent": 1e6, "far": 1.0, "split": 0.01, "sort": 7.0, "goal": 0.05}
 
 
 @dataclass(frozen=True)
@@ -30,86 +30,125 @@ class Warm:
     """Seconds of makespan that it must save to take one view away from the vehicle that has it in this plan."""
 
 
+@dataclass(frozen=True)
+class Tables:
+    """What the chains of a search share; see `minmax_kernels.anneal`."""
+
+    time: Costs
+    energy: Costs
+    near: Ints
+    allowed: NDArray[np.bool_]
+    remote: Array
+    weights: Array
+    free: bool
+    nodes: Records
+    """The first state."""
+    sorties: Records
+    finish: Array
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One search's tours, the best of them, its costs and its random numbers."""
+
+    nodes: Records
+    sorties: Records
+    finish: Array
+    best: Records
+    cost: Array
+    random: NDArray[np.uint64]
+
+
 def tables_of(problem: Problem, warm: Warm | None = None) -> Tables:
     """The arrays of a problem. Costs are rounded to 32 bits: times to the nearest, energies upwards."""
     limits = _sortie_limits(problem)
-    owner = np.repeat(np.arange(problem.vehicles), limits).astype(np.int32)
+    owner = np.repeat(np.arange(problem.vehicles), limits)
     number = np.concatenate([np.arange(limit) for limit in limits])
-    limited = problem.energy is not None
-    energy = np.zeros((1, 1, 1), dtype=np.float32)
+    energy = np.zeros((0, 1, 1), dtype=np.float32)
     if problem.energy is not None:
         energy = np.nextafter(_expanded(problem, problem.energy, owner, number, 0.0), np.float32(np.inf))
     allowed = np.ones((problem.vehicles, problem.views), dtype=np.bool_)
     if problem.forbidden is not None:
         allowed = ~np.asarray(problem.forbidden, dtype=np.bool_)
+    time = _expanded(problem, problem.seconds, owner, number, problem.swap_s)
     weights = WEIGHTS | ({} if warm is None else {"change": warm.change_s})
-    return Tables(
-        _expanded(problem, problem.seconds, owner, number, problem.swap_s), energy,
-        np.array([problem.budget_percent(int(v), int(i)) for v, i in zip(owner, number, strict=True)]),
-        _nearest(problem), owner, problem.kinds[owner].astype(np.int32), allowed,
-        np.zeros(problem.views, dtype=np.bool_), _wanted(problem, warm), _remoteness(problem), limited, problem.free,
-        np.array(list(weights.values())))
-
-
-def state_of(tables: Tables, warm: Warm | None, seed: int, chain: int) -> State:
-    """A chain's state at the start: the warm plan as far as it may be flown, or empty tours. Locks its views."""
-    n, sorties, vehicles = len(tables.locked), len(tables.owner), len(tables.allowed)
-    ring = np.arange(n + sorties, dtype=np.int32)
-    homes = np.arange(n, n + sorties)
-    time = tables.time[tables.kind, homes, homes].astype(np.float64)
-    used = tables.energy[tables.kind, homes, homes].astype(np.float64) if tables.limited else np.zeros(sorties)
-    random = np.random.SeedSequence([seed, chain]).generate_state(1, np.uint64) | np.uint64(1)
-    state = State(ring, ring.copy(), np.full(n, -1, dtype=np.int32), np.zeros(sorties, dtype=np.int32), time, used,
-                  np.bincount(tables.owner, time, vehicles), np.zeros(1, dtype=np.int32), np.full(3, np.inf),
-                  ring.copy(), np.full(n, -1, dtype=np.int32), random)
+    nodes, sorties, finish = _empty(problem, time, energy, owner, number)
+    tables = Tables(time, energy, _nearest(problem), allowed, _remoteness(problem), np.array(list(weights.values())),
+                    problem.free, nodes, sorties, finish)
     if warm is not None:
-        _begin_with(tables, state, warm)
-    return state
+        _begin_with(tables, warm)
+    return tables
 
 
-def sorties_of(tables: Tables, state: State, vehicles: int) -> Sorties:
+def chain_of(tables: Tables, seed: int, number: int) -> Chain:
+    """A chain at the start of its search."""
+    random = np.random.SeedSequence([seed, number]).generate_state(1, np.uint64) | np.uint64(1)
+    return Chain(tables.nodes.copy(), tables.sorties.copy(), tables.finish.copy(), tables.nodes.copy(),
+                 np.full(3, np.inf), random)
+
+
+def sorties_of(tables: Tables, chain: Chain) -> Sorties:
     """The best tours that a chain has found."""
-    n = len(tables.locked)
-    found: Sorties = [[] for _ in range(vehicles)]
-    for number, vehicle in enumerate(tables.owner):
-        held = np.flatnonzero(state.best_sortie == number)
+    n = len(tables.near)
+    found: Sorties = [[] for _ in tables.allowed]
+    for number, vehicle in enumerate(tables.sorties["owner"]):
+        held = np.flatnonzero(chain.best["sortie"][:n] == number)
+        node = -1 if not len(held) else int(held[0] if tables.free else chain.best["after"][n + number])
         sortie: list[int] = []
-        node = -1 if not len(held) else int(held[0] if tables.free else state.best_after[n + number])
-        while 0 <= node < n and len(sortie) < len(held):
+        while len(sortie) < len(held):
             sortie.append(node)
-            node = int(state.best_after[node])
+            node = int(chain.best["after"][node])
         found[vehicle].append(sortie)
     return [own[:1] + [sortie for sortie in own[1:] if sortie] for own in found]
 
 
-def _begin_with(tables: Tables, state: State, warm: Warm) -> None:
-    n = len(tables.locked)
+def _empty(problem: Problem, time: Costs, energy: Costs, owner: NDArray[np.int64],
+           number: NDArray[np.int64]) -> tuple[Records, Records, Array]:
+    n, r = problem.views, len(owner)
+    nodes, sorties = np.zeros(n + r, dtype=NODE), np.zeros(r, dtype=SORTIE)
+    homes = np.arange(n, n + r)
+    sorties["owner"], sorties["kind"] = owner, problem.kinds[owner]
+    sorties["budget"] = [problem.budget_percent(int(v), int(i)) for v, i in zip(owner, number, strict=True)]
+    if len(energy):
+        sorties["used"] = energy[sorties["kind"], homes, homes]
+    nodes["after"] = nodes["before"] = np.arange(n + r)
+    nodes["sortie"], nodes["wanted"] = -1, -1
+    nodes["sortie"][n:] = np.arange(r)
+    nodes["leg"][n:] = time[sorties["kind"], homes, homes]
+    return nodes, sorties, np.bincount(owner, nodes["leg"][n:], problem.vehicles).astype(np.float64)
+
+
+def _begin_with(tables: Tables, warm: Warm) -> None:
+    """The first state flies a plan, as far as it may be flown, and locks its first views."""
+    n = len(tables.near)
     locked = warm.locked or [0] * len(warm.sorties)
     for vehicle, own in enumerate(warm.sorties):
-        slots = np.flatnonzero(tables.owner == vehicle)
+        slots = np.flatnonzero(tables.sorties["owner"] == vehicle)
         for number, (slot, sortie) in enumerate(zip(slots, own, strict=False)):
+            last = int(n + slot)
             for place, view in enumerate(sortie):
-                last = -1 if tables.free and not state.size[slot] else (
-                    int(state.before[n + slot]) if not tables.free else int(sortie[place - 1]))
-                if not _fits(tables, state, view, last, slot):
+                if not _fits(tables, view, last):
                     break
-                put_in(tables, state, view, last, slot)
-                tables.locked[view] = number == 0 and place < locked[vehicle]
+                put_in(tables.time, tables.energy, tables.nodes, tables.sorties, tables.finish, tables.free, view, last)
+                tables.nodes["locked"][view] = number == 0 and place < locked[vehicle]
+                last = view
+        for sortie in own:
+            tables.nodes["wanted"][sortie] = vehicle
 
 
-def _fits(tables: Tables, state: State, view: int, last: int, slot: int) -> bool:
+def _fits(tables: Tables, view: int, last: int) -> bool:
     """Whether a view can be flown behind the last node of a sortie."""
-    k = tables.kind[slot]
-    if not tables.allowed[tables.owner[slot], view] or state.sortie[view] >= 0:
+    sortie = tables.sorties[tables.nodes["sortie"][last]]
+    k, follower = sortie["kind"], tables.nodes["after"][last]
+    if not tables.allowed[sortie["owner"], view] or tables.nodes["sortie"][view] >= 0:
         return False
-    if last < 0:
+    if not np.isfinite(tables.time[k, last, view] + tables.time[k, view, follower]):
+        return False
+    if not len(tables.energy):
         return True
-    follower = state.after[last]
-    time = tables.time[k, last, view] + tables.time[k, view, follower]
-    if not tables.limited:
-        return bool(np.isfinite(time))
-    added = tables.energy[k, last, view] + tables.energy[k, view, follower] - tables.energy[k, last, follower]
-    return bool(np.isfinite(time) and state.used[slot] + added <= tables.budget[slot])
+    added = (float(tables.energy[k, last, view]) + float(tables.energy[k, view, follower])
+             - float(tables.energy[k, last, follower]))
+    return bool(sortie["used"] + added <= sortie["budget"])
 
 
 def _sortie_limits(problem: Problem) -> NDArray[np.int64]:
@@ -121,7 +160,7 @@ def _sortie_limits(problem: Problem) -> NDArray[np.int64]:
     return limits
 
 
-def _expanded(problem: Problem, ways: Ways, owner: NDArray[np.int32], number: NDArray[np.int64], swap: float) -> Costs:
+def _expanded(problem: Problem, ways: Ways, owner: NDArray[np.int64], number: NDArray[np.int64], swap: float) -> Costs:
     n, sorties = problem.views, len(owner)
     table = np.zeros((len(ways.between), n + sorties, n + sorties), dtype=np.float32)
     table[:, :n, :n] = ways.between + ways.service
@@ -137,21 +176,13 @@ def _expanded(problem: Problem, ways: Ways, owner: NDArray[np.int32], number: ND
     return table
 
 
-def _nearest(problem: Problem) -> NDArray[np.int32]:
+def _nearest(problem: Problem) -> Ints:
     way = problem.seconds.between.min(axis=0)
     both = way + way.T
     np.fill_diagonal(both, np.inf)
     width = min(NEAR, problem.views - 1)
     order = np.argsort(both, axis=1, kind="stable")[:, :width]
     return np.ascontiguousarray(order, dtype=np.int32)
-
-
-def _wanted(problem: Problem, warm: Warm | None) -> NDArray[np.int32]:
-    wanted = np.full(problem.views, -1, dtype=np.int32)
-    for vehicle, own in enumerate([] if warm is None else warm.sorties):
-        for sortie in own:
-            wanted[sortie] = vehicle
-    return wanted
 
 
 def _remoteness(problem: Problem) -> Array:
