@@ -40,6 +40,7 @@ COMMANDS = (
 BENCHMARKS = (
     Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
+    Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),
 )
 
 

@@ -133,15 +133,25 @@ class VehicleState(Message, frozen=True, kw_only=True):
     mode: str
 
 
+class RightOfWay(Message, frozen=True, kw_only=True):
+    """A way that a waiting vehicle asks the others to leave free: from where it rests to where it would go. The
+    longest wait goes first: (since_ns, vehicle_id) is the rank, and vehicle_id for whom in the end, since a vehicle
+    that makes way asks on behalf of the one it makes way for."""
+
+    path_enu_m: list[Vector]
+    since_ns: int
+    vehicle_id: int
+
+
 class AnnouncedTrajectory(Message, frozen=True, kw_only=True):
-    """Where a vehicle will be: positions at fixed steps from t_start_ns; it stays at the last one. `wants_enu_m`: where
-    a waiting vehicle would go if the place were free; who rests there makes room."""
+    """Where a vehicle will be: positions at fixed steps from t_start_ns; it stays at the last one. In between it leaves
+    the chords by at most acceleration * step^2 / 8."""
 
     vehicle_id: int
     t_start_ns: int
     step_ns: int
     positions_enu_m: list[Vector]
-    wants_enu_m: Vector | None = None
+    wants: RightOfWay | None = None
 
 
 # --- pictures --------------------------------------------------------------------------------------------------------

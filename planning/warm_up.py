@@ -10,6 +10,10 @@ import numpy as np
 from missions.camera import Camera
 from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
 from missions.mission import ExploreSpec
+from planning.allocate.minmax import Effort, solve
+from planning.allocate.problem import Problem, Ways
+from planning.allocate.reassign import reassign
+from planning.deconflict import distance_to_polyline_m, first_approach
 from planning.nbv.gain import GainSpec, gain_field
 from planning.nbv.lattice import build_lattice
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
@@ -30,6 +34,8 @@ def warm_up() -> None:
     grid.state[WALL_X, :WALL_Y] = OCCUPIED
     _plan_paths(grid)
     _plan_flight()
+    _share_out()
+    _keep_apart()
     _plan_views(grid)
 
 
@@ -39,7 +45,7 @@ def _plan_paths(grid: VoxelGrid) -> None:
     reach = reachable(field, start, CLEARANCE_M)
     reach.distance_to(np.stack([start, goal]))
     reach.path_to(goal)
-    plan_path(field, start, goal, CLEARANCE_M, np.zeros(3), SIZE_M, seed=1)
+    plan_path(field, start, goal, CLEARANCE_M, np.zeros(3), SIZE_M)
     corners, faces = np.array([[5.0, 0.0, 0.0], [5.0, 4.0, 0.0], [5.0, 0.0, 8.0]]), np.array([[0, 1, 2]])
     model = MeshField.from_mesh(corners, faces, voxelised(corners, faces, np.zeros(3), SIZE_M, 1.0))
     model.with_spheres(start, 0.2).segments_clear(start, goal, CLEARANCE_M)
@@ -50,6 +56,18 @@ def _plan_paths(grid: VoxelGrid) -> None:
 def _plan_flight() -> None:
     vias = [Via(np.array(p), 0.0, stop=False, pass_m=0.5) for p in ((3.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 6.0, 0.0))]
     fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, vias, Limits(3.0, 2.0, 6.0, 1.0)).stop(1.0)
+
+
+def _keep_apart() -> None:
+    track = np.zeros((3, 3))
+    first_approach(track, track + 1.0, 2, 1.0)
+    distance_to_polyline_m(track, track)
+
+
+def _share_out() -> None:
+    positions = np.arange(12.0).reshape(4, 3)
+    problem = Problem(Ways.of_positions(positions, positions[:2]))
+    reassign(problem, solve(problem, Effort(iterations=1)).sorties)
 
 
 def _plan_views(grid: VoxelGrid) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from missions.frames import Array
 from missions.mission import FleetSpec
 from missions.sensors import fibonacci_directions
-from planning.paths import NoPath, ObstacleField, plan_path
+from planning.deconflict import distance_to_polyline_m
+from planning.paths import NoPath, ObstacleField, reachable
 from planning.trajectories import Flight
 from vehicle.sensor_memory import HIT_RADIUS_M, SensorMemory
 from vehicle.teammates import Conflict, Teammates
@@ -17,7 +18,13 @@ from vehicle.teammates import Conflict, Teammates
 REPLAN_SPARE_M = 0.15
 """Ways around keep this much more than the clearance, so that the next scan does not at once block them again."""
 SEPARATION_SPARE_M = 0.3
-"""Planned flights keep this much more than the separation, for what is not yet announced."""
+"""Planned flights keep this much more than the separation, for what is not yet announced and for the announcement's
+chords, which a flight leaves by a few centimetres."""
+IN_FLIGHT_SPARE_M = 0.1
+REACTION_S = 0.3
+"""From a teammate's braking until the own braking begins, at most."""
+ASIDE_STEPS_M = (1.5, 3.0, 4.5, 6.5, 9.0)
+WALK_M = 0.05
 REPLAN_REACH_M = (6.0, 16.0)
 """How far around the direct way a detour is looked for, first and then."""
 ESCAPE_STEPS_M = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -49,18 +56,32 @@ class Avoidance:
         return Knowledge(self.memory.map_version, self.memory.hit_version, self.teammates.version)
 
     def clear(self, a_enu_m: Array, b_enu_m: Array) -> bool:
-        """Whether the straight way from a to b keeps the clearance from all that is not known to be free."""
+        """Whether the straight way from a to b keeps the clearance from all that is not known to be free.
+
+        Segments are walked in steps that depend on the direction, so a way that is found clear in either is clear, and
+        a vehicle that stopped on a clear way may find itself short of the clearance by WALK_M: it may still leave.
+        """
         need = self._fleet.clearance_m
-        return bool(self.memory.field(a_enu_m, b_enu_m, need).segments_clear(a_enu_m, b_enu_m, need)[0])
+        ends = np.stack([a_enu_m, b_enu_m])
+        field = self.memory.field(a_enu_m, b_enu_m, need)
+        need = max(need - WALK_M, min(need, float(field.clearance_m(ends).min())))
+        return bool(field.segments_clear(ends, ends[::-1], need).any())
 
     def clear_of_hits(self, a_enu_m: Array, b_enu_m: Array) -> bool:
         """The part of `clear` that can change while the map stays the same."""
         return self.memory.hits_clear(a_enu_m, b_enu_m, self._fleet.clearance_m + HIT_RADIUS_M)
 
-    def conflicts(self, flight: Flight, start_ns: int, now_ns: int,
-                  spare_m: float = SEPARATION_SPARE_M) -> list[Conflict]:
-        """Teammates that this flight comes too near to."""
-        return self.teammates.conflicts(flight, start_ns, now_ns, self._fleet.separation_m + spare_m)
+    def conflicts(self, flight: Flight, now_ns: int, start_ns: int | None = None) -> list[Conflict]:
+        """Teammates that keep a flight from being launched (now, when no start is given): apart even when either has to
+        stop on the way."""
+        start_ns = now_ns if start_ns is None else start_ns
+        stopping_s = 0.5 * (self._fleet.speed_m_s / self._fleet.acceleration_m_s2
+                            + self._fleet.acceleration_m_s2 / self._fleet.jerk_m_s3) + REACTION_S
+        return self.teammates.conflicts(flight, start_ns, now_ns, self.separation_m, stopping_s, ends=True)
+
+    def conflicts_in_flight(self, flight: Flight, start_ns: int, now_ns: int) -> list[Conflict]:
+        """Teammates that the rest of a flight under way comes too near to."""
+        return self.teammates.conflicts(flight, start_ns, now_ns, self._fleet.separation_m + IN_FLIGHT_SPARE_M)
 
     @property
     def separation_m(self) -> float:
@@ -71,15 +92,17 @@ class Avoidance:
         """Whether the body itself gets through from a to b, out of a place that became too narrow."""
         return self.memory.hits_clear(a_enu_m, b_enu_m, self._fleet.radius_m + BODY_SPARE_M)
 
-    def way(self, start_enu_m: Array, goal_enu_m: Array, t_ns: int) -> Array:
-        """(k, 3) waypoints from start to goal around obstacles and resting teammates. Raises NoPath.
+    def way(self, start_enu_m: Array, goal_enu_m: Array, t_ns: int, around_resting: bool) -> Array:
+        """(k, 3) waypoints from start to goal around obstacles and dead teammates, and around those that rest when
+        asked for. Raises NoPath.
 
         From a place that has become too narrow, the first waypoint is the nearest one that is wide enough.
         """
         self.replans += 1
+        teammates = self.teammates.resting(t_ns) if around_resting else self.teammates.dead()
         failure = NoPath("search")
         for reach in REPLAN_REACH_M:
-            field = self._field(start_enu_m, goal_enu_m, reach, t_ns)
+            field = self._field(start_enu_m, goal_enu_m, reach, teammates)
             try:
                 return self._way_in(field, start_enu_m, goal_enu_m)
             except NoPath as e:
@@ -88,36 +111,37 @@ class Avoidance:
                     break
         raise failure
 
-    def blocked_by_teammate(self, goal_enu_m: Array, t_ns: int) -> bool:
-        """Whether a teammate rests where the goal is."""
+    def taken(self, place_enu_m: Array, t_ns: int) -> bool:
+        """Whether a teammate rests so near to a place that nobody else can rest there."""
         others = self.teammates.resting(t_ns)
-        return bool(len(others)) and float(np.linalg.norm(others - goal_enu_m, axis=1).min()) < self.separation_m
+        return bool(len(others)) and float(np.linalg.norm(others - place_enu_m, axis=1).min()) < self.separation_m
 
-    def room_for(self, position_enu_m: Array, place_enu_m: Array, t_ns: int) -> Array | None:
-        """Where to go to leave a place to a teammate that wants it; None where there is no room."""
-        others = self.teammates.positions(t_ns)
-        keep = self._fleet.separation_m + 2.0 * SEPARATION_SPARE_M
+    def aside(self, position_enu_m: Array, ways: list[Array], t_ns: int) -> Array:
+        """(n, 3) places off all these ways and away from all teammates, straight from here, the nearest first."""
         level = DIRECTIONS[np.abs(DIRECTIONS[:, 2]) < 0.5]
-        best: tuple[float, Array] | None = None
-        for distance in (keep + 0.5, keep + 2.5):
-            for goal in place_enu_m + distance * level:
-                away = float(np.linalg.norm(goal - position_enu_m))
-                if best is not None and away >= best[0]:
-                    continue
-                far = not len(others) or float(np.linalg.norm(others - goal, axis=1).min()) >= keep
-                inside = bool(np.all(goal >= self._lower) and np.all(goal <= self._upper))
-                if far and inside and self.clear(position_enu_m, goal):
-                    best = (away, goal)
-        return None if best is None else best[1]
+        places = np.concatenate([position_enu_m + d * level for d in ASIDE_STEPS_M])
+        places = places[np.all((places >= self._lower) & (places <= self._upper), axis=1)]
+        others = self.teammates.places(t_ns)
+        if len(others):
+            apart = np.linalg.norm(places[:, None] - others, axis=2).min(axis=1)
+            places = places[apart >= self.separation_m + SEPARATION_SPARE_M]
+        for way in ways:
+            places = places[distance_to_polyline_m(places, way) >= self.separation_m + 0.1]
+        if not len(places):
+            return places
+        need = self._fleet.clearance_m
+        field = self.memory.field(position_enu_m, position_enu_m, ASIDE_STEPS_M[-1])
+        here = np.broadcast_to(position_enu_m, places.shape)
+        return np.asarray(places[field.segments_clear(here, places, need)])
 
     def _way_in(self, field: ObstacleField, start: Array, goal: Array) -> Array:
         need = self._fleet.clearance_m + REPLAN_SPARE_M
         if field.clearance_m(goal)[0] < need:
             need = self._fleet.clearance_m
         if field.clearance_m(start)[0] >= need:
-            return plan_path(field, start, goal, need, self._lower, self._upper, self._seed)
+            return reachable(field, start, need).path_to(goal)
         wide = self._escape(field, start, need)
-        return np.concatenate([start[None], plan_path(field, wide, goal, need, self._lower, self._upper, self._seed)])
+        return np.concatenate([start[None], reachable(field, wide, need).path_to(goal)])
 
     def _escape(self, field: ObstacleField, start: Array, need: float) -> Array:
         """The nearest place with the clearance, along a straight way that does not come nearer to anything."""
@@ -140,9 +164,8 @@ class Avoidance:
         # The map calls the very place solid in which the vehicle hovers: there the range sensor alone is believed.
         return self.may_leave(start, goal)
 
-    def _field(self, start: Array, goal: Array, reach_m: float, t_ns: int) -> ObstacleField:
+    def _field(self, start: Array, goal: Array, reach_m: float, teammates: Array) -> ObstacleField:
         field = self.memory.field(start, goal, reach_m)
-        resting = self.teammates.resting(t_ns)
         # A sphere of this radius turns the clearance into the separation.
         radius = self.separation_m - self._fleet.clearance_m
-        return field.with_spheres(resting, max(radius, 0.0)) if len(resting) else field
+        return field.with_spheres(teammates, max(radius, 0.0)) if len(teammates) else field

@@ -60,7 +60,6 @@ class Executor:
         self._passing: list[tuple[int, int]] = []
         self._target: int | None = None
         self._jump_to: int | None = None
-        self._trail: list[Array] = []
         self._last: int | None = None
 
     @property
@@ -159,12 +158,15 @@ class Executor:
 
     def _takeoff(self, t_ns: int) -> None:
         if np.allclose(self.pilot.position(t_ns), self.hover, atol=1e-3):
-            self.mode, self._trail = MISSION, [self.hover]
+            self.mode = MISSION
+            self.pilot.trail.begin(self.hover)
             self.pilot.arrived()
         else:
             self._vertical_leg(self.hover, t_ns)
 
     def _mission(self, t_ns: int) -> None:
+        if self.pilot.patient(t_ns):
+            return
         self._arrive(t_ns)
         if self._jump_to is not None:
             self.index, self._jump_to = self._jump_to, None
@@ -174,20 +176,20 @@ class Executor:
         if not self._views_left():
             self._finish(t_ns)
             return
-        if self.pilot.waiting and self.pilot.make_room(t_ns, idle=False):
-            return
         vias = self._run(t_ns)
         if not self._energy_for(vias, t_ns):
             self.go_home(t_ns, "energy")
             return
-        outcome = self.pilot.go(vias, t_ns)
+        outcome = self.pilot.go(vias, t_ns, self._onward(len(vias)))
         if outcome is Outcome.FLYING:
             self._depart(vias, t_ns)
         elif outcome is Outcome.BLOCKED:
             self._skip("blocked", self.pilot.why_blocked)
+        else:
+            self.pilot.make_way(t_ns)
 
     def _hold(self, t_ns: int) -> None:
-        self.pilot.make_room(t_ns, idle=True)
+        self.pilot.make_way(t_ns)
 
     def _return(self, t_ns: int) -> None:
         position = self.pilot.position(t_ns)
@@ -196,11 +198,12 @@ class Executor:
             self.pilot.arrived()
             return
         now = self.pilot.simulator.at(t_ns)
-        while self._trail and np.allclose(position, self._trail[-1], atol=1e-3):
-            self._trail.pop()
-        outcome = self.pilot.go([Via(self.hover, now.yaw_enu_rad)], t_ns)
-        if outcome is Outcome.BLOCKED and self._trail:
-            self.pilot.go([Via(self._trail[-1], now.yaw_enu_rad)], t_ns)
+        outcome = self.pilot.go([Via(self.hover, now.yaw_enu_rad)], t_ns, [])
+        back = self.pilot.trail.back
+        if outcome is Outcome.BLOCKED and back is not None:
+            self.pilot.go([Via(back, now.yaw_enu_rad)], t_ns, [])
+        elif outcome is Outcome.WAITING:
+            self.pilot.make_way(t_ns)
 
     def _land(self, t_ns: int) -> None:
         if np.allclose(self.pilot.position(t_ns), self.pad, atol=1e-3):
@@ -227,6 +230,16 @@ class Executor:
                 for w in self.route.waypoints[self.index:self.index + MAX_RUN]]
         return left[: straight_run(self.pilot.position(t_ns), left)]
 
+    def _onward(self, taken: int) -> list[Array]:
+        """Where the route goes on to after so many waypoints, up to its next view."""
+        assert self.route is not None, "a run belongs to a route"
+        left = self.route.waypoints[self.index:self.index + MAX_RUN]
+        if any(w.view_id is not None for w in left[:taken]):
+            return []
+        following = left[taken:]
+        last = next((n for n, w in enumerate(following) if w.view_id is not None), len(following) - 1)
+        return [np.array(w.position_enu_m) for w in following[: last + 1]]
+
     def _depart(self, vias: list[Via], t_ns: int) -> None:
         """Remember what this flight passes and where it ends; a detour ends nowhere yet."""
         flight = self.pilot.simulator.flight
@@ -248,7 +261,6 @@ class Executor:
         if self._target is not None:
             n, self._target = self._target, None
             self._complete(n, t_ns)
-            self._trail.append(self.pilot.position(t_ns))
             self.pilot.arrived()
 
     def _complete(self, n: int, t_ns: int) -> None:
@@ -284,7 +296,7 @@ class Executor:
         if self.return_when_done or (self.route is not None and self.route.home_after):
             self._halt(t_ns, RETURN)
         else:
-            self.pilot.make_room(t_ns, idle=True)
+            self.pilot.make_way(t_ns)
 
     def _energy_for(self, vias: list[Via], t_ns: int) -> bool:
         """Above the threshold, and enough for this run and the way home from any of its waypoints."""

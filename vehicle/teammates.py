@@ -1,20 +1,34 @@
-"""The other vehicles: where they are, where they said they would be, and whether that is too near."""
+"""The other vehicles: where they are, where they said they would be, what they ask for, whether that is near."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from missions.clock import vehicle_name
 from missions.frames import Array
-from missions.messages import AnnouncedTrajectory, VehicleState
+from missions.messages import AnnouncedTrajectory, RightOfWay, VehicleState
+from planning.deconflict import NEVER, first_approach
 from planning.trajectories import Flight
 from vehicle.simulator import NS, vector
 
 STEP_NS = 200_000_000
+EVER = 1 << 30
+
+
+class Rank(NamedTuple):
+    """Who goes first: the smaller."""
+
+    since_ns: int
+    vehicle_id: int
+
+
+LAST = Rank(1 << 62, 1 << 30)
+"""Of who waits for nothing."""
 
 
 @dataclass
@@ -25,6 +39,13 @@ class Teammate:
     alive: bool = True
     state: VehicleState | None = None
     announced: AnnouncedTrajectory | None = None
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) of the announced trajectory."""
+    lower: Array = field(default_factory=lambda: np.full(3, -np.inf))
+    upper: Array = field(default_factory=lambda: np.full(3, np.inf))
+    """(3,) box around these points; everything while they are not known."""
+    way: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """(k, 3) that it asks for."""
 
     @property
     def known(self) -> bool:
@@ -35,24 +56,27 @@ class Teammate:
         """When it comes to rest; 0 when it rests already for all we know."""
         if not self.alive or self.announced is None:
             return 0
-        return self.announced.t_start_ns + self.announced.step_ns * (len(self.announced.positions_enu_m) - 1)
+        return self.announced.t_start_ns + self.announced.step_ns * (len(self.points) - 1)
 
     def positions_at(self, t_ns: NDArray[np.int64]) -> Array:
         """(n, 3) where it will be at these times (n,); a dead one stays where it was last seen."""
         if self.announced is None or (not self.alive and self.state is not None):
             assert self.state is not None, "asked about a teammate that has told nothing"
             return np.broadcast_to(np.array(self.state.position_enu_m), (len(t_ns), 3))
-        points = np.array(self.announced.positions_enu_m)
-        if len(points) == 1:
-            return np.broadcast_to(points[0], (len(t_ns), 3))
-        index = (t_ns - self.announced.t_start_ns) / self.announced.step_ns
-        knots = np.arange(len(points))
-        return np.stack([np.interp(index, knots, points[:, axis]) for axis in range(3)], axis=1)
+        along = np.clip((t_ns - self.announced.t_start_ns) / self.announced.step_ns, 0.0, len(self.points) - 1.0)
+        knot = np.minimum(along.astype(np.int64), len(self.points) - 1)
+        ahead = np.minimum(knot + 1, len(self.points) - 1)
+        return np.asarray(self.points[knot] + (along - knot)[:, None] * (self.points[ahead] - self.points[knot]))
+
+    @property
+    def end(self) -> Array:
+        """(3,) where it will rest."""
+        return np.array(self.positions_at(np.array([max(0, self.end_ns())]))[0])
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two vehicles would come too near: who, in how many seconds, and whether the other one is at rest by now."""
+    """Two vehicles would come too near: who, in how many seconds, and whether the other one rests in the way."""
 
     vehicle_id: int
     in_s: float
@@ -61,7 +85,7 @@ class Conflict:
 
 @dataclass
 class Teammates:
-    """All the others. `version` changes whenever one of them changes its plan of motion."""
+    """All the others. `version` changes whenever one of them changes its plan of motion or what it asks for."""
 
     own_id: int
     version: int = 0
@@ -71,7 +95,9 @@ class Teammates:
         """Take note of a message of another vehicle."""
         mate = self.members.setdefault(message.vehicle_id, Teammate(message.vehicle_id))
         if isinstance(message, AnnouncedTrajectory):
-            mate.announced = message
+            mate.announced, mate.points = message, np.array(message.positions_enu_m, dtype=np.float64)
+            mate.lower, mate.upper = mate.points.min(axis=0), mate.points.max(axis=0)
+            mate.way = np.array(message.wants.path_enu_m if message.wants is not None else []).reshape(-1, 3)
             self.version += 1
         else:
             mate.state = message
@@ -86,46 +112,87 @@ class Teammates:
 
     def positions(self, t_ns: int) -> Array:
         """(m, 3) of all known teammates now."""
-        mates = [m.positions_at(np.array([t_ns]))[0] for m in self._known()]
-        return np.array(mates).reshape(-1, 3)
+        return _stacked([m.positions_at(np.array([t_ns]))[0] for m in self._known()])
 
     def resting(self, t_ns: int) -> Array:
         """(m, 3) of those that do not move."""
-        mates = [m.positions_at(np.array([t_ns]))[0] for m in self._known() if m.end_ns() <= t_ns]
-        return np.array(mates).reshape(-1, 3)
+        return _stacked([m.positions_at(np.array([t_ns]))[0] for m in self._known() if m.end_ns() <= t_ns])
 
-    def wanted(self) -> list[tuple[int, Array]]:
-        """(vehicle id, place) of those that wait for a place to become free."""
-        return [(m.vehicle_id, np.array(m.announced.wants_enu_m)) for m in self._known()
-                if m.alive and m.announced is not None and m.announced.wants_enu_m is not None]
+    def dead(self) -> Array:
+        """(m, 3) of those that will not move any more."""
+        return _stacked([m.end for m in self._known() if not m.alive])
 
-    def conflicts(self, flight: Flight, start_ns: int, now_ns: int, separation_m: float) -> list[Conflict]:
-        """With whom this flight, and resting at its end, comes nearer than separation_m from now on."""
+    def places(self, t_ns: int) -> Array:
+        """(m, 3) where they are and (m, 3) where they will rest."""
+        return np.concatenate([self.positions(t_ns), _stacked([m.end for m in self._known()])])
+
+    def before(self, rank: Rank) -> list[tuple[Rank, Array]]:
+        """(rank, (k, 3) way asked for) of everybody who goes before `rank`, and of all who ask on the own behalf; best
+        first."""
+        asked = [(Rank(m.announced.wants.since_ns, m.announced.wants.vehicle_id), m.way) for m in self._known()
+                 if m.alive and m.announced is not None and m.announced.wants is not None]
+        return sorted(((r, way) for r, way in asked if r < rank or r.vehicle_id == self.own_id), key=lambda a: a[0])
+
+    def goes_before(self, vehicle_id: int, rank: Rank) -> bool:
+        """Whether this one goes first when both have set out at once."""
+        announced = self.members[vehicle_id].announced
+        wants = announced.wants if announced is not None else None
+        other = LAST if wants is None else Rank(wants.since_ns, wants.vehicle_id)
+        return (other, vehicle_id) < (rank, self.own_id)
+
+    def conflicts(self, flight: Flight, start_ns: int, now_ns: int, separation_m: float,
+                  slack_s: float = 0.0, ends: bool = False) -> list[Conflict]:
+        """With whom this flight, and resting at its end, comes nearer than separation_m from now on.
+
+        slack_s: even when either is that late. ends: not even before the other one rests there may the flight pass its
+        end, so that there is always a way back while it rests.
+        """
         found = []
-        for mate in self._known():
+        window = math.ceil(slack_s * NS / STEP_NS)
+        reach = flight.curve.sample(STEP_NS / NS, max(0.0, (now_ns - start_ns) / NS))[1]
+        for mate in self._near(reach.min(axis=0) - separation_m, reach.max(axis=0) + separation_m):
             horizon_ns = max(start_ns + round(flight.duration_s * NS), mate.end_ns(), now_ns)
-            steps = (horizon_ns - now_ns) // STEP_NS + 2
-            t = now_ns + np.arange(steps, dtype=np.int64) * STEP_NS
+            t = now_ns + np.arange((horizon_ns - now_ns) // STEP_NS + 2, dtype=np.int64) * STEP_NS
             mine = flight.curve.at((t - start_ns) / NS)[0]
-            gap = np.linalg.norm(mine - mate.positions_at(t), axis=1)
-            limit = separation_m if gap[0] >= separation_m else float(gap[0]) - 1e-6  # moving apart is no conflict
-            near = np.flatnonzero(gap < limit)
-            if len(near):
-                found.append(Conflict(mate.vehicle_id, float(t[near[0]] - now_ns) / NS, mate.end_ns() <= now_ns))
+            at, rests = _meeting(mine, mate.positions_at(t), window, separation_m, ends)
+            if at != NEVER:
+                found.append(Conflict(mate.vehicle_id, at * STEP_NS / NS, rests))
         return found
+
+    def _near(self, lower: Array, upper: Array) -> list[Teammate]:
+        """Those that come into a box, for all that they told; the dead always."""
+        mates = self._known()
+        if not mates:
+            return []
+        below, above = np.array([m.upper for m in mates]) < lower, np.array([m.lower for m in mates]) > upper
+        far = np.any(below | above, axis=1)
+        return [m for m, away in zip(mates, far, strict=True) if not (away and m.alive)]
 
     def _known(self) -> list[Teammate]:
         return [self.members[i] for i in sorted(self.members) if self.members[i].known]
 
 
+def _meeting(mine: Array, theirs: Array, window: int, separation_m: float, ends: bool) -> tuple[int, bool]:
+    """(chord of mine at which they are too near, or NEVER; whether theirs rests in the way of mine)."""
+    gap = float(np.linalg.norm(mine[0] - theirs[0]))
+    limit = separation_m if gap >= separation_m else gap - 1e-6  # moving apart is no conflict
+    end = np.stack([theirs[-1], theirs[-1]])
+    apart = float(np.linalg.norm(mine[0] - end[0]))
+    at = first_approach(mine, theirs, window, limit)
+    at_end = first_approach(mine, end, EVER, min(separation_m, apart - 1e-6))
+    return (at_end if ends and at == NEVER else at), at_end != NEVER
+
+
 def announce(vehicle_id: int, flight: Flight, start_ns: int, now_ns: int,
-             wants_enu_m: Array | None) -> AnnouncedTrajectory:
+             wants: RightOfWay | None) -> AnnouncedTrajectory:
     """The rest of a flight as teammates and referee get it."""
     elapsed_s = (now_ns - start_ns) / NS
     steps = max(0, math.ceil((flight.duration_s - elapsed_s) * NS / STEP_NS))
     times = elapsed_s + np.arange(steps + 1, dtype=np.float64) * (STEP_NS / NS)
     positions = flight.curve.at(times)[0]
-    return AnnouncedTrajectory(
-        vehicle_id=vehicle_id, t_start_ns=now_ns, step_ns=STEP_NS,
-        positions_enu_m=[vector(p) for p in positions],
-        wants_enu_m=None if wants_enu_m is None else vector(wants_enu_m))
+    return AnnouncedTrajectory(vehicle_id=vehicle_id, t_start_ns=now_ns, step_ns=STEP_NS,
+                               positions_enu_m=[vector(p) for p in positions], wants=wants)
+
+
+def _stacked(positions: list[Array]) -> Array:
+    return np.array(positions).reshape(-1, 3)
