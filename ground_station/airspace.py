@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,26 +55,15 @@ class Airspace:
         """Distances and paths from a start to everywhere."""
         return self._reach(self.around(start_enu_m, teammates_enu_m), start_enu_m)
 
-    def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array | None:
-        """(k, 3) waypoints from start to goal, both included, or None when there is no way through known-free space.
-
-        The quick random search decides most cases; where it gives up, and where the start itself has become narrow, a
-        complete search over the voxels does.
-        """
+    def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array:
+        """(k, 3) waypoints from start to goal, both included, through space known to be free. Raises NoPath, which says
+        why there are none."""
         field = self.around(start_enu_m, teammates_enu_m)
         if field.clearance_m(start_enu_m)[0] >= self.clearance_m:
-            try:
-                return plan_path(field, start_enu_m, goal_enu_m, self.clearance_m, self.lower_enu_m, self.upper_enu_m,
-                                 _seed(start_enu_m, goal_enu_m))
-            except NoPath as refusal:
-                if refusal.reason != "search":
-                    return None
-        elif field.clearance_m(goal_enu_m)[0] < self.clearance_m:
-            return None
-        try:
-            return joined(start_enu_m, self._reach(field, start_enu_m).path_to(goal_enu_m))
-        except NoPath:
-            return None
+            return plan_path(field, start_enu_m, goal_enu_m, self.clearance_m, self.lower_enu_m, self.upper_enu_m)
+        if field.clearance_m(goal_enu_m)[0] < self.clearance_m:
+            raise NoPath("goal")
+        return joined(start_enu_m, self._reach(field, start_enu_m).path_to(goal_enu_m))
 
     def _reach(self, field: ObstacleField, start_enu_m: Array) -> Reach:
         """From the start, by whichever wide place around it leads on; where none is near, from the nearest."""
@@ -110,9 +98,3 @@ class Airspace:
 def joined(start_enu_m: Array, path_enu_m: Array) -> Array:
     """The path with the start before it, when it begins elsewhere."""
     return path_enu_m if np.array_equal(path_enu_m[0], start_enu_m) else np.concatenate([start_enu_m[None], path_enu_m])
-
-
-def _seed(start: Array, goal: Array) -> int:
-    """The same leg is searched with the same numbers, whenever it is asked for."""
-    digest = hashlib.sha256(np.round(np.concatenate([start, goal]), 6).tobytes()).digest()
-    return int.from_bytes(digest[:4], "big")

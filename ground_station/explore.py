@@ -248,9 +248,9 @@ def _mates(me: Asking, asking: list[Asking], busy: list[Busy]) -> list[Array]:
 def _path(airspace: Airspace, reach: Reach, a: Asking, given: Assignment, mates: list[Array] | None) -> Array | None:
     """The way to an assigned view; searched anew when vehicles served before have taken places meanwhile."""
     goal = np.array(given.pose.position_enu_m)
-    if mates is not None:
-        return airspace.path(a.position_enu_m, goal, mates)
     try:
+        if mates is not None:
+            return airspace.path(a.position_enu_m, goal, mates)
         return joined(a.position_enu_m, reach.path_to(goal))
     except NoPath:
         return None

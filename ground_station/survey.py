@@ -16,6 +16,7 @@ from ground_station.tours import Flyer, Flying, Method, Tours
 from missions.camera import View
 from missions.frames import Array
 from missions.mavlink import Waypoint
+from planning.paths import NoPath
 
 log = logging.getLogger(__name__)
 
@@ -111,10 +112,11 @@ class Survey:
         here = flyer.position_enu_m
         while queue and len(taken) < size:
             view = self.ledger.view(queue.pop(0))
-            path = airspace.path(here, np.array(view.pose.position_enu_m), teammates_enu_m)
-            if path is None:
-                log.info("vehicle %d has no way to view %d", flyer.vehicle_id, view.view_id)
-                self.ledger.blocked(view.view_id, "no way through space known to be free")
+            try:
+                path = airspace.path(here, np.array(view.pose.position_enu_m), teammates_enu_m)
+            except NoPath as refusal:
+                log.info("vehicle %d has no way to view %d: %s", flyer.vehicle_id, view.view_id, refusal)
+                self.ledger.blocked(view.view_id, str(refusal))
                 continue
             paths.append(path)
             here = path[-1]

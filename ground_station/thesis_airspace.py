@@ -32,7 +32,7 @@ class ThesisAirspace(Airspace):
         return cls(plain.field, plain.clearance_m, plain.separation_m, plain.lower_enu_m, plain.upper_enu_m,
                    np.asarray(prior.mesh.triangles, dtype=np.float64), mission.seed)
 
-    def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array | None:
+    def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array:
         """As Airspace says."""
         try:
             way = way_round(self.triangles, start_enu_m, goal_enu_m, self.lower_enu_m, self.upper_enu_m, self.seed,

@@ -26,6 +26,7 @@ from missions.mission import ExploreSpec, Mission
 from missions.mission_file import load_mission
 from missions.pads import geofence, hover_points
 from missions.run_folder import RunFolder
+from planning.paths import NoPath
 
 SITE = SiteBrief(object_min_enu_m=(-4.0, -3.0, 0.0), object_max_enu_m=(4.0, 3.0, 7.0), ground_up_m=0.0)
 MISSION = Mission(title="t")
@@ -61,11 +62,11 @@ def test_paths_stay_in_known_free_space_and_clear_of_teammates() -> None:
     space = known((slice(None), slice(None), slice(None)))
     a, b, mate = np.array([-12.0, -8.0, 5.0]), np.array([12.0, -8.0, 5.0]), np.array([0.0, -8.0, 5.0])
     path = space.path(a, b, [mate])
-    assert path is not None
     f = np.linspace(0, 1, 200)[:, None]
     fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
     assert np.linalg.norm(fine - mate, axis=1).min() >= MISSION.fleet.separation_m
-    assert known((slice(0, 40), slice(None), slice(None))).path(a, b, []) is None
+    with pytest.raises(NoPath, match="goal occupied"):
+        known((slice(0, 40), slice(None), slice(None))).path(a, b, [])
 
 
 @settings(max_examples=30, deadline=None)
@@ -93,7 +94,6 @@ def test_a_narrow_place_is_left_by_a_way_that_leads_on_not_into_the_nearest_pock
     assert 0.5 < space.field.clearance_m(here)[0] < space.clearance_m
     assert np.isfinite(space.reach(here, []).distance_to(goal)).all()
     path = space.path(here, goal, [])
-    assert path is not None
     assert path[[0, -1]].tolist() == [here.tolist(), goal.tolist()]
     assert space.clear_at(path[1:]).all()
 

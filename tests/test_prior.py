@@ -79,7 +79,6 @@ def test_planned_legs_are_clear_for_the_vehicles_too() -> None:
     space = Airspace.of(prior.grid, MISSION, SITE, prior)
     a, b = np.array([-6.0, 0.0, 5.0]), np.array([6.0, 0.0, 5.0])
     path = space.path(a, b, [])
-    assert path is not None
     memory = SensorMemory.of(MISSION, SITE, Prior.of(BOX, MISSION, SITE).field)
     memory.put_map(prior.grid)
     ranges = BOX.ray.intersects_location(np.broadcast_to(a, RANGE_DIRECTIONS.shape), RANGE_DIRECTIONS,

@@ -26,6 +26,7 @@ from missions.messages import PictureMeta, SiteBrief
 from missions.mission import BatterySpec, ExploreSpec, Mission, SceneSpec, SurveySpec
 from missions.mission_file import write_mission
 from missions.run_folder import VIEW_COLUMNS, RunFolder
+from planning.paths import NoPath
 from planning.paths.thesis_boxes import hit_triangles
 
 BOX = trimesh.creation.box(extents=(8.0, 6.0, 7.0)).apply_translation((0.0, 0.0, 3.5))
@@ -129,7 +130,8 @@ def test_legs_in_flight_lead_around_the_model_with_the_vehicles_clearance() -> N
         assert again is not None
         assert np.array_equal(path, again)
         assert plain.around(left, mates).segments_clear(path[:-1], path[1:], mission.fleet.clearance_m).all()
-    assert space.path(left, np.array([0.0, 0.0, 3.0]), []) is None
+    with pytest.raises(NoPath, match="goal occupied"):
+        space.path(left, np.array([0.0, 0.0, 3.0]), [])
 
 
 def test_every_exploration_picture_can_be_a_view() -> None:

@@ -1,9 +1,8 @@
-"""Compiled inner loops: distance to solid voxels, clearance at points and along segments, search over free voxels."""
+"""Compiled inner loops: distance to solid voxels, clearance at points and along segments."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -11,14 +10,9 @@ from numpy.typing import NDArray
 
 from missions.frames import Array
 
-LEAST_STEP_M = 0.02
-"""Segments are walked in steps of the clearance to spare, at least this. Half of it must be to spare everywhere: what
-one step does not prove clear ahead, the next proves behind it."""
-AXIS, FACE, CUBE = 29, 41, 50
-"""Costs of steps along an axis, a face diagonal and a cube diagonal: sqrt 2 and sqrt 3 within 1 %."""
-BUCKETS = 512
-"""More than the largest step and the largest cost of a seed."""
-NONE = -1
+HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
+LEAST_STEP_M = 0.005
+"""A piece of a segment that is this short and still not proven clear counts as blocked."""
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -85,20 +79,28 @@ def clearance_at(x: float, y: float, z: float, distance: NDArray[np.float32], or
                  spheres: Array) -> float:
     """Metres to the nearest solid voxel or sphere (x, y, z, radius), never more than true; 0 outside the grid.
 
-    distance[i, j, k] holds at origin + (i, j, k) * voxel. The true distance changes by at most the distance moved,
-    so each of the eight samples around the point bounds it from below; the best bound is taken.
+    distance[i, j, k] holds at origin + (i, j, k) * voxel. Two bounds from below follow from the eight samples around a
+    point, and the better one is taken. The distance changes by at most the distance moved. And with the trilinear
+    weights w_n, for every obstacle point q (parallel axis theorem), |q - p|^2 = sum w_n |q - n|^2 - sum w_n |p - n|^2.
     """
     gx, gy, gz = (x - origin[0]) / voxel, (y - origin[1]) / voxel, (z - origin[2]) / voxel
     nx, ny, nz = distance.shape
     if not (0.0 <= gx < nx - 1 and 0.0 <= gy < ny - 1 and 0.0 <= gz < nz - 1):
         return 0.0
     i, j, k = int(gx), int(gy), int(gz)
-    best = 0.0
+    fx, fy, fz = gx - i, gy - j, gz - k
+    best, squares = 0.0, 0.0
     for di in range(2):
         for dj in range(2):
             for dk in range(2):
-                away = math.sqrt((gx - i - di) ** 2 + (gy - j - dj) ** 2 + (gz - k - dk) ** 2)
-                best = max(best, distance[i + di, j + dj, k + dk] - away * voxel)
+                room = max(0.0, distance[i + di, j + dj, k + dk])
+                away = math.sqrt((fx - di) ** 2 + (fy - dj) ** 2 + (fz - dk) ** 2)
+                best = max(best, room - away * voxel)
+                weight = (fx if di else 1.0 - fx) * (fy if dj else 1.0 - fy) * (fz if dk else 1.0 - fz)
+                squares += weight * room * room
+    squares -= voxel * voxel * (fx * (1.0 - fx) + fy * (1.0 - fy) + fz * (1.0 - fz))
+    if squares > best * best:
+        best = math.sqrt(squares)
     for m in range(spheres.shape[0]):
         dx, dy, dz = x - spheres[m, 0], y - spheres[m, 1], z - spheres[m, 2]
         room = best + spheres[m, 3]
@@ -138,20 +140,60 @@ def clear_of_spheres(a: Array, b: Array, need: float, spheres: Array) -> NDArray
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def segment_clear(ax: float, ay: float, az: float, bx: float, by: float, bz: float, need: float,
                   distance: NDArray[np.float32], origin: Array, voxel: float, spheres: Array) -> bool:
-    """Whether the clearance along a segment is proven to stay at `need` or more, at every point of it: walks ahead by
-    the clearance to spare. Who needs none gets through anything."""
-    least = 0.5 * LEAST_STEP_M if need > 0.0 else 0.0
+    """Whether the clearance along a segment is proven to stay at `need` or more at every point of it, not at samples
+    alone: walks ahead as far as two clearances prove all between them. Who needs none gets through anything."""
     length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2)
+    room = clearance_at(ax, ay, az, distance, origin, voxel, spheres)
     done = 0.0
-    while True:
-        f = done / length if length > 0.0 else 0.0
-        spare = clearance_at(ax + f * (bx - ax), ay + f * (by - ay), az + f * (bz - az), distance, origin, voxel,
-                             spheres) - need
-        if spare < (least if length > 0.0 else 0.0):
-            return False
-        if done >= length:
-            return True
-        done = min(length, done + max(spare, LEAST_STEP_M))
+    while room >= need and done < length and need > 0.0:
+        step = max(2.0 * math.sqrt(room * room - need * need), LEAST_STEP_M)
+        while True:
+            ahead = min(length, done + step)
+            f = ahead / length
+            there = clearance_at(ax + f * (bx - ax), ay + f * (by - ay), az + f * (bz - az), distance, origin, voxel,
+                                 spheres)
+            if there >= need and chord_clear(room, there, ahead - done, need):
+                break
+            step = 0.5 * (ahead - done)
+            if step < LEAST_STEP_M:
+                return False
+        room, done = there, ahead
+    return room >= need
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def chord_clear(room_a: float, room_b: float, length: float, need: float) -> bool:
+    """Whether clearances at the ends of a segment, both at least `need`, prove `need` all along it.
+
+    An obstacle point lies outside of both balls around the ends; nearest to the segment it lies on both spheres, at
+    the height of the triangle with these sides.
+    """
+    foot = (room_a * room_a - room_b * room_b + length * length) / (2.0 * length) if length > 0.0 else 0.0
+    return bool(foot <= 0.0 or foot >= length or room_a * room_a - foot * foot >= need * need)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def surely_blocked(a: Array, b: Array, need: float, distance: NDArray[np.float32], origin: Array,
+                   voxel: float) -> NDArray[np.bool_]:
+    """Whether segments from a (n, 3) to b (n, 3) certainly come nearer than `need`. Distances above 0 must be exact
+    up to `need`; 0 is a voxel that the surface touches, less than 0 is inside."""
+    out = np.zeros(a.shape[0], np.bool_)
+    shape = distance.shape
+    for n in range(a.shape[0]):
+        length = math.sqrt((b[n, 0] - a[n, 0]) ** 2 + (b[n, 1] - a[n, 1]) ** 2 + (b[n, 2] - a[n, 2]) ** 2)
+        count = int(length / (0.5 * voxel)) + 1
+        for m in range(count + 1):
+            away, node = 0.0, np.empty(3, np.int64)
+            for axis in range(3):
+                g = (a[n, axis] + (b[n, axis] - a[n, axis]) * m / count - origin[axis]) / voxel
+                node[axis] = min(max(0, round(g)), shape[axis] - 1)
+                away += (g - node[axis]) ** 2
+            room = distance[node[0], node[1], node[2]]
+            most = room if room > 0.0 else (0.0 if room < 0.0 else HALF_DIAGONAL * voxel)
+            if most + math.sqrt(away) * voxel < need:
+                out[n] = True
+                break
+    return out
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -163,60 +205,6 @@ def segments_clear(a: Array, b: Array, need: float, distance: NDArray[np.float32
         out[m] = segment_clear(a[m, 0], a[m, 1], a[m, 2], b[m, 0], b[m, 1], b[m, 2], need, distance, origin, voxel,
                                spheres)
     return out
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def search(clearance: NDArray[np.float32], need: float, voxel: float, seeds: NDArray[np.int64],
-           seed_costs: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Dijkstra over voxel centres with 26 neighbours and integer costs in a ring of buckets (Dial 1969).
-
-    clearance: (nx, ny, nz) metres at the centres; a step of length s is open when the two clearances add up to at
-    least 2 need + s, which proves the whole step clear. Returns costs (-1 unreached; AXIS per voxel) and for each
-    voxel the index of the step that led there (-1 for seeds).
-    """
-    nx, ny, nz = clearance.shape
-    total = nx * ny * nz
-    steps, costs, lengths = _steps(voxel)
-    room = clearance.reshape(total)
-    cost = np.full(total, -1, np.int32)
-    came = np.full(total, -1, np.int8)
-    done = np.zeros(total, np.bool_)
-    after, before = np.full(total, NONE, np.int32), np.full(total, NONE, np.int32)
-    head = np.full(BUCKETS, NONE, np.int32)
-    queued = 0
-    for m in range(seeds.shape[0]):
-        s = seeds[m]
-        if cost[s] < 0:
-            cost[s] = seed_costs[m]
-            _push(s, seed_costs[m] % BUCKETS, head, after, before)
-            queued += 1
-    now = 0
-    while queued > 0:
-        u = head[now % BUCKETS]
-        if u == NONE:
-            now += 1
-            continue
-        _drop(u, now % BUCKETS, head, after, before)
-        queued -= 1
-        done[u] = True
-        i, j, k = u // (ny * nz), (u // nz) % ny, u % nz
-        for d in range(26):
-            x, y, z = i + steps[d, 0], j + steps[d, 1], k + steps[d, 2]
-            if x < 0 or y < 0 or z < 0 or x >= nx or y >= ny or z >= nz:
-                continue
-            v = (x * ny + y) * nz + z
-            if done[v] or room[v] < need or room[u] + room[v] < 2.0 * need + lengths[d]:
-                continue
-            c = now + costs[d]
-            if cost[v] >= 0 and cost[v] <= c:
-                continue
-            if cost[v] >= 0:
-                _drop(v, cost[v] % BUCKETS, head, after, before)
-            else:
-                queued += 1
-            cost[v], came[v] = c, d
-            _push(v, c % BUCKETS, head, after, before)
-    return cost.reshape(clearance.shape), came.reshape(clearance.shape)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -237,55 +225,3 @@ def lower_by_spheres(clearance: NDArray[np.float32], origin: Array, voxel: float
                                   origin[2] + k * voxel - spheres[m, 2])
                     gap = math.sqrt(dx * dx + dy * dy + dz * dz) - spheres[m, 3]
                     clearance[i, j, k] = max(0.0, min(clearance[i, j, k], gap))
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def walk_back(came: NDArray[np.int8], i: int, j: int, k: int) -> NDArray[np.int64]:
-    """(n, 3) voxels from a seed to this one."""
-    steps, _, _ = _steps(1.0)
-    n, x, y, z = 1, i, j, k
-    while came[x, y, z] >= 0:
-        d = came[x, y, z]
-        x, y, z, n = x - steps[d, 0], y - steps[d, 1], z - steps[d, 2], n + 1
-    out = np.empty((n, 3), np.int64)
-    for m in range(n - 1, -1, -1):
-        out[m, 0], out[m, 1], out[m, 2] = i, j, k
-        d = came[i, j, k]
-        if d >= 0:
-            i, j, k = i - steps[d, 0], j - steps[d, 1], k - steps[d, 2]
-    return out
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _steps(voxel: float) -> Any:
-    steps, costs, lengths = np.empty((26, 3), np.int64), np.empty(26, np.int64), np.empty(26)
-    n = 0
-    for i in range(-1, 2):
-        for j in range(-1, 2):
-            for k in range(-1, 2):
-                axes = abs(i) + abs(j) + abs(k)
-                if axes > 0:
-                    steps[n, 0], steps[n, 1], steps[n, 2] = i, j, k
-                    costs[n] = AXIS if axes == 1 else (FACE if axes == 2 else CUBE)
-                    lengths[n] = voxel * math.sqrt(axes)
-                    n += 1
-    return steps, costs, lengths
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _push(u: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32]) -> None:
-    first = head[bucket]
-    after[u], before[u] = first, NONE
-    if first != NONE:
-        before[first] = u
-    head[bucket] = u
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _drop(u: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32]) -> None:
-    if before[u] == NONE:
-        head[bucket] = after[u]
-    else:
-        after[before[u]] = after[u]
-    if after[u] != NONE:
-        before[after[u]] = before[u]

@@ -95,7 +95,10 @@ class MeshField:
         clear = kernels.segments_clear(a, b, clearance_m, self.distance, self.origin, self.voxel_m, self.spheres)
         open_ends = self._in_the_box(a, clearance_m) & self._in_the_box(b, clearance_m)
         open_ends &= kernels.clear_of_spheres(a, b, clearance_m, self.spheres)
-        for m in np.flatnonzero(open_ends & ~clear):
+        open_ends &= ~clear
+        open_ends[open_ends] = ~kernels.surely_blocked(a[open_ends], b[open_ends], clearance_m, self.distance,
+                                                       self.origin, self.voxel_m)
+        for m in np.flatnonzero(open_ends):
             clear[m] = not self._touches(a[m], b[m], clearance_m) and self._outside(a[m], clearance_m)
         return np.asarray(clear)
 

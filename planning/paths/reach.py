@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
-from planning.paths import kernels
+from planning.paths import kernels, search_kernels
 from planning.paths.fields import ObstacleField
-from planning.paths.replan import NoPath, shortcut
+from planning.paths.lattice import NEAR
+from planning.paths.refusal import NoPath
+from planning.paths.replan import straightened
 
-NEAR = np.array([(i, j, k) for i in range(-1, 3) for j in range(-1, 3) for k in range(-1, 3)])
-"""Voxel centres around a point that it may be joined to."""
+NOWHERE = np.zeros(0, dtype=np.int64)
 ESCAPE_M, BLIND_ESCAPE_M = 3.0, 1.0
 """How far a start that has become too narrow may be from a wide enough place; blind: when the map calls it solid."""
 ESCAPE_SLACK_M = 0.1
@@ -52,11 +53,11 @@ class Reach:
         voxel, length = self._join(goal)
         if not np.isfinite(length):
             raise NoPath("search")
-        inner = self.field.origin + kernels.walk_back(self.came, *(int(c) for c in voxel)) * self.field.voxel_m
+        inner = self.field.origin + search_kernels.walk_back(self.came, *(int(c) for c in voxel)) * self.field.voxel_m
         if self.narrow:
-            wide = shortcut(self.field, np.concatenate([inner, goal[None]]), self.clearance_m)
+            wide = straightened(self.field, np.concatenate([inner, goal[None]]), self.clearance_m)
             return np.concatenate([self.start_enu_m[None], wide])
-        return shortcut(self.field, np.concatenate([self.start_enu_m[None], inner, goal[None]]), self.clearance_m)
+        return straightened(self.field, np.concatenate([self.start_enu_m[None], inner, goal[None]]), self.clearance_m)
 
     @property
     def narrow(self) -> bool:
@@ -88,9 +89,9 @@ def reachable(field: ObstacleField, start_enu_m: Array, clearance_m: float) -> R
         kernels.lower_by_spheres(room, field.origin, field.voxel_m, field.spheres, clearance_m + 2.0 * field.voxel_m)
     voxels, centers, clear = _seeds(field, start, clearance_m)
     seeds = np.ravel_multi_index(tuple(voxels[clear].T), room.shape)
-    unit = field.voxel_m / kernels.AXIS
+    unit = field.voxel_m / search_kernels.AXIS
     costs = np.round(np.linalg.norm(centers[clear] - start, axis=1) / unit).astype(np.int64)
-    cost, came = kernels.search(room, clearance_m, field.voxel_m, seeds.astype(np.int64), costs)
+    cost, came = search_kernels.search(room, clearance_m, field.voxel_m, seeds.astype(np.int64), costs, NOWHERE)
     distance = np.where(cost < 0, np.float32(np.inf), cost * np.float32(unit))
     return Reach(field, start, clearance_m, distance, came)
 

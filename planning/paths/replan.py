@@ -1,54 +1,57 @@
-"""A path between two points around obstacles: OMPL's bidirectional RRT, bounded by iterations, never by time.
+"""A path between two points around obstacles: the shortest way over the field's lattice, then straightened.
 
-Source: Kuffner and LaValle, "RRT-Connect", ICRA 2000, as implemented in OMPL.
+Source of the search: Hart, Nilsson and Raphael, "A formal basis for the heuristic determination of minimum cost
+paths", 1968.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from ompl import base, geometric, util
 
-from missions.errors import SwarmscanError
 from missions.frames import Array
 from planning.paths.fields import ObstacleField
+from planning.paths.lattice import lattice_path
+from planning.paths.refusal import NoPath
 
-MAX_ITERATIONS = 4000
-TREE_RANGE_M = 6.0
+WINDOWS_M = (8.0, np.inf)
+"""How far around both ends a way is looked for, first and then."""
 SHORTCUT_POINTS = 32
 SHORTCUT_ROUNDS = 6
 WORTHWHILE = 0.98
 """Another round is made after one that left at most this share of the cost."""
 CORNER_M = 1.5
-"""What a corner costs beside its length: vehicles turn at rest."""
-
-
-class NoPath(SwarmscanError):  # noqa: N818 - a refusal that callers expect, not a fault
-    """No path was found; `reason` is start, goal, outside or search."""
-
-    def __init__(self, reason: str) -> None:
-        super().__init__(f"no path: {reason}")
-        self.reason = reason
+"""What a corner costs beside its length: vehicles slow down there."""
 
 
 def plan_path(field: ObstacleField, start_enu_m: Array, goal_enu_m: Array, clearance_m: float, lower_enu_m: Array,
-              upper_enu_m: Array, seed: int) -> Array:
+              upper_enu_m: Array) -> Array:
     """(k, 3) waypoints from start to goal, both included, in the box lower..upper, at least clearance_m from the field.
 
     A clear straight line is returned at once. Equal arguments give equal paths. Raises NoPath.
     """
-    start, goal = np.asarray(start_enu_m, dtype=np.float64), np.asarray(goal_enu_m, dtype=np.float64)
-    lower, upper = np.asarray(lower_enu_m, dtype=np.float64), np.asarray(upper_enu_m, dtype=np.float64)
-    ends = np.stack([start, goal])
-    if np.any(ends < lower) or np.any(ends > upper):
+    ends = np.array([start_enu_m, goal_enu_m], dtype=np.float64)
+    if np.any(ends < lower_enu_m) or np.any(ends > upper_enu_m):
         raise NoPath("outside")
     free = field.clearance_m(ends) >= clearance_m
     if not free.all():
         raise NoPath("goal" if free[0] else "start")
-    if field.segments_clear(start, goal, clearance_m)[0]:
+    if field.segments_clear(ends[0], ends[1], clearance_m)[0]:
         return ends
-    path = _rrt_connect(field, start, goal, clearance_m, lower, upper, seed)
+    return straightened(field, _way_around(field, ends, clearance_m, (lower_enu_m, upper_enu_m)), clearance_m)
+
+
+def _way_around(field: ObstacleField, ends: Array, clearance_m: float, box: tuple[Array, Array]) -> Array:
+    for margin in WINDOWS_M:
+        lower, upper = np.maximum(ends.min(axis=0) - margin, box[0]), np.minimum(ends.max(axis=0) + margin, box[1])
+        try:
+            return lattice_path(field, ends, clearance_m, (lower, upper))
+        except NoPath:
+            continue
+    raise NoPath("search")
+
+
+def straightened(field: ObstacleField, path: Array, clearance_m: float) -> Array:
+    """Shortcuts as long as they are worth it."""
     for _ in range(SHORTCUT_ROUNDS):
         before, path = _cost_m(path), shortcut(field, path, clearance_m)
         if _cost_m(path) > WORTHWHILE * before:
@@ -63,12 +66,13 @@ def shortcut(field: ObstacleField, path: Array, clearance_m: float) -> Array:
     i, j = np.triu_indices(n, 1)
     clear = field.segments_clear(path[i], path[j], clearance_m)
     clear |= j == i + 1
-    length = np.linalg.norm(path[j] - path[i], axis=1) + CORNER_M
-    best, previous = np.full(n, np.inf), np.zeros(n, dtype=int)
-    best[0] = 0.0
-    for a, b, ok, d in zip(i, j, clear, length, strict=True):
-        if ok and best[a] + d < best[b] - 1e-9:
-            best[b], previous[b] = best[a] + d, a
+    cost = np.full((n, n), np.inf)
+    cost[i[clear], j[clear]] = np.linalg.norm(path[j[clear]] - path[i[clear]], axis=1) + CORNER_M
+    best, previous = np.zeros(n), np.zeros(n, dtype=int)
+    for b in range(1, n):
+        through = best[:b] + cost[:b, b]
+        previous[b] = int(np.argmin(through))
+        best[b] = through[previous[b]]
     order = [n - 1]
     while order[-1] != 0:
         order.append(int(previous[order[-1]]))
@@ -86,66 +90,3 @@ def _resampled(path: Array, count: int) -> Array:
     path, along = path[keep], along[keep]
     t = np.unique(np.concatenate([along, np.linspace(0.0, along[-1], count)]))
     return np.stack([np.interp(t, along, path[:, axis]) for axis in range(3)], axis=1)
-
-
-class _Clear(base.StateValidityChecker):  # type: ignore[misc]
-    def __init__(self, space: Any, field: ObstacleField, clearance_m: float) -> None:
-        super().__init__(space)
-        self._field, self._clearance = field, clearance_m
-
-    def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
-        return bool(self._field.clearance_m(np.array([[state[0], state[1], state[2]]]))[0] >= self._clearance)
-
-
-class _ClearMotion(base.MotionValidator):  # type: ignore[misc]
-    def __init__(self, space: Any, field: ObstacleField, clearance_m: float) -> None:
-        super().__init__(space)
-        self._field, self._clearance = field, clearance_m
-
-    def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 - OMPL's name
-        ends = np.array([[a[0], a[1], a[2]], [b[0], b[1], b[2]]])
-        return bool(self._field.segments_clear(ends[:1], ends[1:], self._clearance)[0])
-
-
-def _rrt_connect(field: ObstacleField, start: Array, goal: Array, clearance_m: float, lower: Array, upper: Array,
-                 seed: int) -> Array:
-    util.noOutputHandler()
-    util.RNG.setSeed(seed % (2**31 - 1) + 1)
-    space = base.RealVectorStateSpace(3)
-    bounds = base.RealVectorBounds(3)
-    for axis in range(3):
-        bounds.setLow(axis, float(lower[axis]))
-        bounds.setHigh(axis, float(upper[axis]))
-    space.setBounds(bounds)
-    information = base.SpaceInformation(space)
-    information.setStateValidityChecker(_Clear(information, field, clearance_m))
-    information.setMotionValidator(_ClearMotion(information, field, clearance_m))
-    information.setup()
-    problem = base.ProblemDefinition(information)
-    problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
-    planner = geometric.RRTConnect(information)
-    planner.setRange(TREE_RANGE_M)
-    planner.setProblemDefinition(problem)
-    planner.setup()
-    planner.solve(base.PlannerTerminationCondition(_Countdown(MAX_ITERATIONS)))
-    if not problem.hasExactSolution():
-        raise NoPath("search")
-    return np.array([[s[0], s[1], s[2]] for s in problem.getSolutionPath().getStates()])
-
-
-class _Countdown:
-    """Says stop after so many questions: a bound on work that does not depend on the machine."""
-
-    def __init__(self, left: int) -> None:
-        self._left = left
-
-    def __call__(self) -> bool:
-        self._left -= 1
-        return self._left < 0
-
-
-def _state(information: Any, point: Array) -> Any:
-    state = information.allocState()
-    for axis in range(3):
-        state[axis] = float(point[axis])
-    return state
