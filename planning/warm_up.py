@@ -10,6 +10,7 @@ import numpy as np
 from missions.camera import Camera
 from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
 from missions.mission import ExploreSpec
+from planning.allocate.flight_cost import Passing, leg_seconds
 from planning.allocate.minmax import Effort, solve
 from planning.allocate.problem import Problem, Ways
 from planning.allocate.reassign import reassign
@@ -20,6 +21,7 @@ from planning.nbv.search import SearchSpec, VehicleQuery, next_views
 from planning.nbv.standoff import nearest_depth_m
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 from planning.paths import MeshField, VoxelField, plan_path, reachable, voxelised
+from planning.paths.roadmap import build_roadmap
 from planning.paths.thesis_rrt import connect
 from planning.trajectories import Limits, State, Via, fly_run
 
@@ -34,6 +36,7 @@ def warm_up() -> None:
     grid.state[WALL_X, :WALL_Y] = OCCUPIED
     _plan_paths(grid)
     _plan_flight()
+    _cost_legs(grid)
     _share_out()
     _keep_apart()
     _plan_views(grid)
@@ -56,6 +59,12 @@ def _plan_paths(grid: VoxelGrid) -> None:
 def _plan_flight() -> None:
     vias = [Via(np.array(p), 0.0, stop=False, pass_m=0.5) for p in ((3.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 6.0, 0.0))]
     fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, vias, Limits(3.0, 2.0, 6.0, 1.0)).stop(1.0)
+
+
+def _cost_legs(grid: VoxelGrid) -> None:
+    places = np.array([[2.5, 2.5, 4.5], [8.5, 2.5, 4.5]])
+    roadmap = build_roadmap(VoxelField.from_grid(grid), places, CLEARANCE_M)
+    leg_seconds(roadmap, Passing(*np.ones((4, 2))), Limits(3.0, 2.0, 6.0, 1.0), 0.5)
 
 
 def _keep_apart() -> None:
