@@ -10,7 +10,7 @@ from missions.frames import Array
 from missions.mission import FleetSpec
 from missions.sensors import fibonacci_directions
 from planning.deconflict import distance_to_polyline_m
-from planning.paths import NoPath, ObstacleField, reachable
+from planning.paths import NoPath, ObstacleField, plan_path
 from planning.trajectories import Flight
 from vehicle.sensor_memory import HIT_RADIUS_M, SensorMemory
 from vehicle.teammates import Conflict, Teammates
@@ -139,9 +139,9 @@ class Avoidance:
         if field.clearance_m(goal)[0] < need:
             need = self._fleet.clearance_m
         if field.clearance_m(start)[0] >= need:
-            return reachable(field, start, need).path_to(goal)
+            return plan_path(field, start, goal, need, self._lower, self._upper)
         wide = self._escape(field, start, need)
-        return np.concatenate([start[None], reachable(field, wide, need).path_to(goal)])
+        return np.concatenate([start[None], plan_path(field, wide, goal, need, self._lower, self._upper)])
 
     def _escape(self, field: ObstacleField, start: Array, need: float) -> Array:
         """The nearest place with the clearance, along a straight way that does not come nearer to anything."""
