@@ -20,11 +20,9 @@ from planning.paths import NoPath
 
 log = logging.getLogger(__name__)
 
-CHUNK_VIEWS = 20
+CHUNK_VIEWS = 30
 """Views per upload: few enough that a reassigned view is flown soon, many enough that uploads do not count."""
-
-
-MOST_VIEWS = 30
+MOST_VIEWS = 45
 """A tour's last upload may have so many, rather than leave a few for one more."""
 
 

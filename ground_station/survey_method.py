@@ -2,34 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from ground_station.airspace import Airspace
 from ground_station.leg_costs import LegCosts
 from ground_station.legs import Shooting
 from ground_station.minmax_tours import MinmaxTours
 from ground_station.prior import Prior
+from ground_station.roadmap_airspace import RoadmapAirspace
 from ground_station.thesis_airspace import ThesisAirspace
 from ground_station.thesis_tours import ThesisTours
 from ground_station.tours import Method
 from missions.camera import View
+from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
+from missions.pads import hover_points
 from planning.nbv.standoff import nearest_depth_m
+from planning.paths.roadmap import build_roadmap
 from planning.trajectories import shutter_speed_m_s
 
 
-def method_of(mission: Mission, views: list[View]) -> Method:
-    """What `survey.method` names."""
+@dataclass(frozen=True)
+class Means:
+    """What the survey decides and leads with."""
+
+    method: Method
+    airspace: Airspace
+    shooting: Shooting
+
+
+def means_of(mission: Mission, site: SiteBrief, views: list[View], grid: VoxelGrid, prior: Prior | None,
+             starts_enu_m: list[Array]) -> Means:
+    """By `survey.method`: ours over a roadmap of all views, or the thesis's, whose own planner leads the legs around
+    what is known where it flies with a prior model. starts_enu_m: where vehicles are."""
+    shooting, plain = shooting_of(mission, views, grid), Airspace.of(grid, mission, site, prior)
     if mission.survey.method == "thesis":
-        return ThesisTours(views, mission)
-    return MinmaxTours(views, mission, LegCosts(views, mission), 100.0 - mission.battery.threshold_percent)
-
-
-def airspace_of(mission: Mission, site: SiteBrief, grid: VoxelGrid, prior: Prior | None) -> Airspace:
-    """Who leads the survey's legs around what is known: the thesis where its method flies with a prior model."""
-    if mission.survey.method == "thesis" and prior is not None:
-        return ThesisAirspace.with_prior(prior, grid, mission, site)
-    return Airspace.of(grid, mission, site, prior)
+        own = plain if prior is None else ThesisAirspace.with_prior(prior, grid, mission, site)
+        return Means(ThesisTours(views, mission), own, shooting)
+    places = [*starts_enu_m, *hover_points(mission, site), *(v.pose.position_enu_m for v in views)]
+    roadmap = build_roadmap(plain.field, np.array(places), plain.clearance_m, starts=len(starts_enu_m))
+    costs = LegCosts(roadmap, views, shooting, mission, plain)
+    method = MinmaxTours(views, mission, costs, 100.0 - mission.battery.threshold_percent)
+    return Means(method, RoadmapAirspace.over(plain, roadmap), shooting)
 
 
 def shooting_of(mission: Mission, views: list[View], grid: VoxelGrid) -> Shooting:

@@ -11,7 +11,7 @@ from ground_station.explore import Explorer
 from ground_station.fleet import Drone, Stage
 from ground_station.ledger import ENERGY, LOST
 from ground_station.survey import Survey
-from ground_station.survey_method import airspace_of, method_of, shooting_of
+from ground_station.survey_method import means_of
 from ground_station.survey_views import known_space, survey_views
 from ground_station.tours import Flyer
 from missions.clock import SECOND_NS
@@ -36,8 +36,8 @@ class SurveyPhase:
         explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
         flyers = self._flyers()
         views = survey_views(control.mission, control.site, grid, explored, [f.position_enu_m for f in flyers], prior)
-        self._airspace = airspace_of(control.mission, control.site, grid, prior)
-        self.survey = Survey(views, method_of(control.mission, views), shooting_of(control.mission, views, grid))
+        means = means_of(control.mission, control.site, views, grid, prior, [f.position_enu_m for f in flyers])
+        self._airspace, self.survey = means.airspace, Survey(views, means.method, means.shooting)
         self._allocate("start", lambda: self.survey.begin(flyers, self._t_s))
         log.info("survey: %d views for %d vehicles", len(views), len(flyers))
 
