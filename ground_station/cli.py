@@ -32,6 +32,7 @@ COMMANDS = (
     Command("reconstruct", "ground_station.stages:main_reconstruct", "pictures of a run to cloud and mesh"),
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
+    Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
     Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on a run's views"),
     Command("bench", "ground_station.cli:bench", "measure one part: render, allocate, paths, deconflict, energy"),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
@@ -39,6 +40,7 @@ COMMANDS = (
 
 BENCHMARKS = (
     Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
+    Command("allocate", "ground_station.allocate.bench:main", "makespans of the methods, on files and as views grow"),
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
     Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),
 )
