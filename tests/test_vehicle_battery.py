@@ -73,6 +73,24 @@ def test_the_way_home_kept_back_is_more_than_a_free_one_takes(place: np.ndarray,
     assert float(home.percent(place)) > flown
 
 
+def test_behind_a_wall_the_way_home_is_as_long_as_the_way_there() -> None:
+    def clear(a: np.ndarray, b: np.ndarray) -> bool:
+        """Around the end of a wall along x = 0, from y = -40 on to the south."""
+        if a[0] * b[0] >= 0.0:
+            return True
+        return bool(a[1] + (b[1] - a[1]) * a[0] / (a[0] - b[0]) < -40.0)
+
+    home = WayHome(DistanceEnergy(1.0), np.array([-5.0, 0.0, 4.0]), np.array([-5.0, 0.0, 0.0]), LIMITS, LIMITS, LIMITS)
+    before = float(home.percent(np.array([5.0, 0.0, 4.0])))
+    for x, y in ((-5, -20), (-5, -45), (5, -45), (5, -20), (5, 0)):
+        home.note(np.array([x, y, 4.0]), clear)
+    assert before == pytest.approx(1.3 * 10.0 + 4.0)
+    assert float(home.percent(np.array([5.0, 0.0, 4.0]))) == pytest.approx(45.0 + 10.0 + 45.0 + 4.0)
+    assert float(home.least_percent(np.array([5.0, 0.0, 4.0]))) == pytest.approx(10.0 + 4.0)
+    home.note(np.array([-5.0, -10.0, 4.0]), clear)
+    assert float(home.percent(np.array([-5.0, -10.0, 4.0]))) == pytest.approx(1.3 * 10.0 + 4.0)
+
+
 @settings(max_examples=30)
 @given(st.lists(places, min_size=1, max_size=6))
 def test_stopping_everywhere_bounds_a_flight(stops: list[np.ndarray]) -> None:

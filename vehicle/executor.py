@@ -176,6 +176,7 @@ class Executor:
         if not self._views_left():
             self._finish(t_ns)
             return
+        self.way_home.note(self.pilot.position(t_ns), self.pilot.avoidance.clear)
         vias = self._run(t_ns)
         if not self._energy_for(vias, t_ns):
             self.go_home(t_ns, "energy")
