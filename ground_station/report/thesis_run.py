@@ -9,14 +9,14 @@ import msgspec
 import numpy as np
 import trimesh
 
-from ground_station.report.run_data import RunData, Track
+from ground_station.report.run_data import RunData
 from ground_station.report.thesis import PLANS, ReportedPlan
 from ground_station.views_file import read_views
 from missions.errors import UserError
 from missions.frames import Array
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from missions.pads import geofence
+from missions.pads import geofence, hover_points
 from missions.prior_file import prior_file
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis_experiment import Discharge, Experiment, Obstacle, experiment, percent_per_m_to_stop
@@ -61,7 +61,7 @@ def plan_run(data: RunData, percent_per_m: float | None = None, stop_index: int 
     positions = planned_positions(data)
     discharge = Discharge(data.mission.battery.percent_per_m if percent_per_m is None else percent_per_m,
                           data.mission.battery.threshold_percent)
-    starts, obstacle = _starts(data.tracks, data), _obstacle(data, positions)
+    starts, obstacle = _starts(data), _obstacle(data, positions)
 
     def plan(cost: str, paid: Discharge) -> Experiment:
         spec = data.mission.survey
@@ -94,12 +94,15 @@ def consumption_for(plan: Experiment, stop_index: int, level_percent: float) -> 
     return percent_per_m_to_stop(longest.forecast.distance_m, stop_index, level_percent)
 
 
-def _starts(tracks: list[Track], data: RunData) -> Array | None:
-    """Where the vehicles were when the survey began; None where that is not known."""
-    begin = (data.flight.get("phases") or {}).get("survey", {}).get("start_s")
-    if begin is None or len(tracks) != data.mission.fleet.vehicles or not all(len(t.t_s) for t in tracks):
+def _starts(data: RunData) -> Array | None:
+    """Where the tours begin: over the pads, or where exploration ended; None where that is not known."""
+    phases, told = data.flight.get("phases") or {}, data.flight.get("site")
+    if "survey" not in phases or told is None or len(data.tracks) != data.mission.fleet.vehicles:
         return None
-    return np.array([[np.interp(begin, t.t_s, column) for column in t.position_enu_m.T] for t in tracks])
+    if "explore" not in phases:
+        return np.array(hover_points(data.mission, msgspec.convert(told, SiteBrief)))
+    begin = phases["survey"]["start_s"]
+    return np.array([[np.interp(begin, t.t_s, column) for column in t.position_enu_m.T] for t in data.tracks])
 
 
 def _obstacle(data: RunData, positions: Array) -> Obstacle | None:
