@@ -14,8 +14,7 @@ DETOUR = 1.3
 """Ways home are reckoned at least this much longer than straight, and flown as slowly as detours are."""
 NEXT_RESTS = 8
 """Over so many of the places on the shortest ways a free way home is looked for."""
-NEAR_M = 2.0
-"""Nearer to the hover point than this the share by which the way is longer says nothing."""
+SAME_PLACE_M = 0.5
 WAIT_S = 20.0
 """Time on the way home in which a teammate may be in the way."""
 
@@ -32,25 +31,26 @@ class WayHome:
         self._landing = float(energy.leg_percent(down, length, leg_time_s(length, vertical)))
         self._waiting = energy.rest_percent(WAIT_S)
         self._rests, self._way_m = [hover_enu_m], [0.0]
-        self._detour = DETOUR
+        self._around_m = 0.0
 
     def note(self, rest_enu_m: Array, clear: Callable[[Array, Array], bool]) -> None:
         """The vehicle rests here (3,), where its last leg ended. `clear` says whether it could fly straight from one
         place to another: so the shortest way home that is known to be free leads over places where it rested."""
         gaps = np.linalg.norm(np.array(self._rests) - rest_enu_m, axis=1)
-        if gaps[-1] < NEAR_M:
+        if gaps[-1] < SAME_PLACE_M:
             return
         ways = gaps + self._way_m
         nearest = np.argsort(ways, kind="stable")[:NEXT_RESTS]
         way_m = float(ways[next((n for n in nearest if clear(rest_enu_m, self._rests[n])), -1)])
         self._rests.append(rest_enu_m)
         self._way_m.append(way_m)
-        self._detour = max(DETOUR, way_m / max(float(gaps[0]), NEAR_M))
+        self._around_m = way_m - float(gaps[0])
 
     def percent(self, position_enu_m: Array) -> Array:
-        """With a detour, as long for its distance as the one from the last rest, and a wait for a teammate."""
+        """With a detour, at least as far around as from the last rest, and a wait for a teammate."""
         away = self._hover - position_enu_m
-        length = self._detour * np.linalg.norm(away, axis=-1)
+        straight = np.linalg.norm(away, axis=-1)
+        length = np.maximum(DETOUR * straight, straight + self._around_m)
         flying = self._energy.leg_percent(away, length, leg_time_s(length, self._slow))
         return np.asarray(flying + self._waiting + self._landing)
 
