@@ -110,7 +110,8 @@ def test_tours_and_what_is_taken_over_are_led_around_the_structure() -> None:
 def test_the_thesis_missions_load_and_ask_for_its_method(name: str) -> None:
     mission = load_mission(MISSIONS_FOLDER / f"{name}.toml")
     assert mission.survey.method == "thesis"
-    assert mission.survey.views == "frames"
+    assert mission.survey.views == "file"
+    assert mission.knowledge == "mesh"
     assert mission.battery.model == "distance"
     assert mission.battery.threshold_percent == 20.0
     assert mission.fleet.vehicles == 2
