@@ -6,6 +6,7 @@ No bus, no clock. Every view ends with exactly one outcome (see `ledger`). Who g
 from __future__ import annotations
 
 import logging
+import math
 
 import numpy as np
 
@@ -101,10 +102,13 @@ class Survey:
         reach = airspace.reach(flyer.position_enu_m, teammates_enu_m)
         return bool(len(goals)) and not np.isfinite(reach.distance_to(goals)).any()
 
-    def next_waypoints(self, flyer: Flyer, airspace: Airspace, teammates_enu_m: list[Array]) -> list[Waypoint]:
-        """The vehicle's next chunk, every leg free of collisions; views without a way are handed back. May be empty."""
+    def next_waypoints(self, flyer: Flyer, airspace: Airspace, teammates_enu_m: list[Array],
+                       share: float = 1.0) -> list[Waypoint]:
+        """The vehicle's next chunk, or a share of it, every leg free of collisions; views without a way are handed
+        back. May be empty."""
         queue = self._queue(flyer.vehicle_id)
-        size = self._chunk.get(flyer.vehicle_id, CHUNK_VIEWS if len(queue) > MOST_VIEWS else MOST_VIEWS)
+        whole = min(len(queue), CHUNK_VIEWS if len(queue) > MOST_VIEWS else MOST_VIEWS)
+        size = max(1, math.ceil(share * self._chunk.get(flyer.vehicle_id, whole)))
         paths: list[Array] = []
         taken: list[View] = []
         here = flyer.position_enu_m
@@ -140,6 +144,10 @@ class Survey:
         else:
             self.ledger.blocked(view_id, f"{outcome}: {detail}" if detail else outcome)
 
+    def take_back(self, vehicle_id: int) -> None:
+        """The chunk made last is not sent."""
+        self._queue(vehicle_id)[:0] = self._active.pop(vehicle_id, [])
+
     def plan_refused(self, vehicle_id: int, reason: str) -> None:
         """The vehicle refused a chunk: half as many views next time; a single refused view counts as blocked."""
         chunk = self._active.pop(vehicle_id, [])
@@ -148,7 +156,8 @@ class Survey:
                 self.ledger.blocked(view_id, reason)
             return
         self._chunk[vehicle_id] = max(1, len(chunk) // 2)
-        self._queue(vehicle_id)[:0] = chunk
+        self._active[vehicle_id] = chunk
+        self.take_back(vehicle_id)
 
     def plan_over(self, vehicle_id: int) -> None:
         """The vehicle hovers at the end of its plan; what it neither flew nor reported counts as blocked."""

@@ -14,9 +14,15 @@ from ground_station.survey import Survey
 from ground_station.survey_method import means_of
 from ground_station.survey_views import known_space, survey_views
 from ground_station.tours import Flyer
+from ground_station.traffic import Traffic, holding
 from missions.clock import SECOND_NS
+from missions.frames import Array
+from missions.mavlink import Waypoint
 
 log = logging.getLogger(__name__)
+
+PARTS = (1.0, 0.5, 0.25)
+"""Shares of a chunk that are tried when waiting does not keep it clear of the others."""
 
 
 class SurveyPhase:
@@ -26,6 +32,7 @@ class SurveyPhase:
         """explorer: what exploration knows; None when there was none."""
         self._control, self._fleet, self._recorder = control, control.fleet, control.recorder
         self._handed_over: set[int] = set()
+        self._traffic = Traffic(control.mission)
         if explorer is not None:
             explorer.refresh()
         prior = control.prior
@@ -97,7 +104,7 @@ class SurveyPhase:
         elif drone.stage is Stage.READY and survey.waiting(k) and drone.standing:
             self._fly_on(drone, survey)
         elif drone.stage is Stage.READY and not survey.waiting(k):
-            self._fleet.home(drone)
+            self._go_home(drone)
 
     def _fly_on(self, drone: Drone, survey: Survey) -> None:
         """The next chunk, or home when the map has closed around the vehicle."""
@@ -106,9 +113,39 @@ class SurveyPhase:
         if self._control.may_rescue(drone) and survey.shut_in(flyer, self._airspace, hovering):
             self._control.rescue(drone)
             return
-        waypoints = survey.next_waypoints(flyer, self._airspace, hovering)
+        waypoints = self._kept_apart(drone, flyer, hovering)
         if waypoints:
             self._fleet.fly(drone, "survey", waypoints)
+
+    def _kept_apart(self, drone: Drone, flyer: Flyer, hovering: list[Array]) -> list[Waypoint]:
+        """The vehicle's next chunk, or the part of it that needs no more than waiting to keep clear of the others."""
+        state, k = drone.state, drone.vehicle_id
+        assert state is not None
+        in_stage = self._fleet.in_stage
+        resting = {d.vehicle_id: d.position_enu_m for d in in_stage(Stage.READY, Stage.LAUNCHING, Stage.LOST)
+                   if d.state is not None and d.state.flying}
+        moving = [d.vehicle_id for d in in_stage(Stage.FLYING, Stage.HOMING)]
+        for share in PARTS:
+            waypoints = self.survey.next_waypoints(flyer, self._airspace, hovering, share)
+            hold_s = self._traffic.hold_s(state, waypoints, self._t_s, resting, moving) if waypoints else 0.0
+            if hold_s is not None:
+                break
+            if share > PARTS[-1]:
+                self.survey.take_back(k)
+        else:
+            self._control.note(f"vehicle {k} cannot keep clear of the others by waiting, and yields in flight")
+        if hold_s:
+            self._control.note(f"vehicle {k} waits {hold_s:.1f} s before its next views")
+            waypoints = [holding(state, hold_s), *waypoints]
+        self._traffic.flies(state, waypoints, self._t_s)
+        return waypoints
+
+    def _go_home(self, drone: Drone) -> None:
+        assert drone.state is not None
+        x, y, z = (float(c) for c in drone.hover_enu_m)
+        self._traffic.flies(drone.state, [Waypoint(position_enu_m=(x, y, z), yaw_enu_rad=drone.state.yaw_enu_rad)],
+                            self._t_s)
+        self._fleet.home(drone)
 
     def _flyers(self) -> list[Flyer]:
         """Who can take views, with what is in the battery or with the next one."""
