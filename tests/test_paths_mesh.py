@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.grid import FREE, OCCUPIED, VoxelGrid
-from planning.paths import MeshField, plan_path, voxelised
+from planning.paths import MeshField, NoPath, VoxelField, plan_path, voxelised
 
 LOWER, UPPER = np.zeros(3), np.array([20.0, 16.0, 12.0])
 seeds = st.integers(0, 2**32 - 1)
@@ -100,3 +100,63 @@ def test_a_path_around_a_box_keeps_the_margin() -> None:
     f = np.linspace(0.0, 1.0, 400)[:, None]
     fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
     assert true_clearance(boxes, fine).min() >= 1.2 - 1e-5
+
+
+def wall_with_a_hole(center: np.ndarray, width: float, thickness: float) -> np.ndarray:
+    """Four boxes across the world around a square hole."""
+    (x, y, z), half = center, 0.5 * width
+    x0, x1 = x - 0.5 * thickness, x + 0.5 * thickness
+    return np.array([[[x0, 0, 0], [x1, 16, z - half]], [[x0, 0, z + half], [x1, 16, 12]],
+                     [[x0, 0, z - half], [x1, y - half, z + half]], [[x0, y + half, z - half], [x1, 16, z + half]]])
+
+
+@given(seeds)
+@settings(max_examples=8, deadline=None)
+def test_a_hole_that_leaves_a_hand_on_each_side_is_found(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = wall_with_a_hole(rng.uniform([9, 4, 3], [11, 12, 9]), 2.4, rng.uniform(0.2, 2.0))
+    field, _ = field_of(boxes_mesh(boxes))
+    start, goal = rng.uniform([2, 2, 2], [6, 14, 10]), rng.uniform([14, 2, 2], [18, 14, 10])
+    path = plan_path(field, start, goal, 1.0, LOWER, UPPER)
+    assert path.tobytes() == plan_path(field, start, goal, 1.0, LOWER, UPPER).tobytes()
+    f = np.linspace(0.0, 1.0, 400)[:, None]
+    fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
+    assert true_clearance(boxes, fine).min() >= 1.0 - 1e-5
+    assert np.array_equal(path[[0, -1]], [start, goal])
+
+
+def answer(field: MeshField | VoxelField, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """The path, or the reason why there is none."""
+    try:
+        return plan_path(field, start, goal, 1.0, LOWER, UPPER), ""
+    except NoPath as refusal:
+        return None, refusal.reason
+
+
+@given(seeds)
+@settings(max_examples=8, deadline=None)
+def test_paths_among_boxes_keep_the_margin_or_are_refused_with_the_reason(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng, 8)
+    field, grid = field_of(boxes_mesh(boxes))
+    for known in (field, VoxelField.from_grid(grid)):
+        for start, goal in rng.uniform(LOWER, UPPER, (6, 2, 3)):
+            path, reason = answer(known, start, goal)
+            room = known.clearance_m(np.stack([start, goal]))
+            if path is None:
+                assert reason == ("start" if room[0] < 1.0 else "goal" if room[1] < 1.0 else "search")
+                continue
+            f = np.linspace(0.0, 1.0, 300)[:, None]
+            fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
+            assert true_clearance(boxes, fine).min() >= 1.0 - 1e-5
+
+
+def test_a_sealed_goal_is_refused() -> None:
+    walls = np.array([[[6.0, 4, 1], [14.0, 5, 8]], [[6.0, 11, 1], [14.0, 12, 8]], [[6.0, 4, 1], [7.0, 12, 8]],
+                      [[13.0, 4, 1], [14.0, 12, 8]], [[6.0, 4, 1], [14.0, 12, 2]]])
+    lid = np.array([[[6.0, 4, 8], [14.0, 12, 8.5]]])
+    ends = np.array([[2.0, 8.0, 5.0], [10.0, 8.0, 5.0]])
+    assert answer(field_of(boxes_mesh(np.concatenate([walls, lid])))[0], *ends) == (None, "goal")
+    path, _ = answer(field_of(boxes_mesh(walls))[0], *ends)
+    assert path is not None
+    assert path[:, 2].max() > 8.0

@@ -41,6 +41,9 @@ class ObstacleField(Protocol):
     def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> Self:
         """The same field with spheres (m, 3) of one radius or (m,) radii added: sensor hits, teammates."""
 
+    def finer(self, lower_enu_m: Array, upper_enu_m: Array, exact_m: float) -> Self | None:
+        """The same obstacles in a box with a finer lattice, exact up to exact_m; None where nothing finer is known."""
+
     def clearance_m(self, points_enu_m: Array) -> Array:
         """(n,) metres from points (n, 3) to the nearest obstacle; never more than true."""
 
@@ -72,6 +75,9 @@ class VoxelField:
     def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> VoxelField:
         """As ObstacleField says."""
         return replace(self, spheres=np.concatenate([self.spheres, sphere_rows(centers_enu_m, radius_m)]))
+
+    def finer(self, lower_enu_m: Array, upper_enu_m: Array, exact_m: float) -> None:
+        """As ObstacleField says: nothing finer than the voxels is known."""
 
     def clearance_m(self, points_enu_m: Array) -> Array:
         """As ObstacleField says."""

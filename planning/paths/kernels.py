@@ -158,7 +158,7 @@ def segment_clear(ax: float, ay: float, az: float, bx: float, by: float, bz: flo
             if step < LEAST_STEP_M:
                 return False
         room, done = there, ahead
-    return room >= need
+    return bool(room >= need)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

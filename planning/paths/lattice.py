@@ -29,8 +29,15 @@ def lattice_path(field: ObstacleField, ends_enu_m: Array, clearance_m: float, bo
     if reached.max() < 0:
         raise NoPath("search")
     last = exits[int(np.argmin(np.where(reached < 0, np.inf, reached * unit + exit_m)))]
-    inner = field.origin + (first + search_kernels.walk_back(came, *(int(c) for c in last))) * field.voxel_m
+    inner = field.origin + (first + _corners(search_kernels.walk_back(came, *(int(c) for c in last)))) * field.voxel_m
     return np.concatenate([ends_enu_m[:1], inner, ends_enu_m[1:]])
+
+
+def _corners(voxels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The points (n, 3) of a way where its direction changes, and its ends."""
+    steps = np.diff(voxels, axis=0)
+    turns = np.any(steps[1:] != steps[:-1], axis=1)
+    return np.asarray(voxels[np.concatenate([[True], turns, [True]])[:len(voxels)]])
 
 
 def _cut_out(field: ObstacleField, clearance_m: float,

@@ -19,6 +19,8 @@ from planning.paths.fields import NO_SPHERES, VoxelField, paired, sphere_rows
 EXACT_BAND_M = 4.0
 """The lattice's distances are exact up to here, and below the truth by less than a voxel's diagonal beyond."""
 PROBE_M = 1e-3
+FINER = 2
+"""How many times closer the points of a finer lattice lie."""
 INSIDE = -1.0
 """Lattice value of places inside the model."""
 
@@ -54,6 +56,8 @@ class MeshField:
     voxel_m: float
     spheres: Array
     """(m, 4) centre and radius."""
+    triangles: Array
+    """(m, 3, 3) of the whole mesh."""
     surface: Any
     """FCL's bounding volume hierarchy of the triangles."""
 
@@ -72,7 +76,19 @@ class MeshField:
         near[touched] = 0.0
         distance = np.zeros(voxels.distance.shape, dtype=np.float32)
         distance[inner] = near
-        return cls(distance, voxels.origin, grid.voxel_m, NO_SPHERES, _hierarchy(vertices_enu_m, faces))
+        return cls(distance, voxels.origin, grid.voxel_m, NO_SPHERES, triangles, _hierarchy(vertices_enu_m, faces))
+
+    def finer(self, lower_enu_m: Array, upper_enu_m: Array, exact_m: float) -> MeshField:
+        """As ObstacleField says."""
+        voxel, (low, high) = self.voxel_m / FINER, self._box
+        lower, upper = np.maximum(lower_enu_m, low), np.minimum(upper_enu_m, high)
+        shape = tuple(int(n) for n in np.maximum(1, np.floor((upper - lower) / voxel + 1e-9)))
+        first = lower + 0.5 * voxel
+        near = np.full(shape, exact_m, dtype=np.float32)
+        mesh_kernels.lower_by_triangles(near, self.triangles, first, voxel, exact_m)
+        mesh_kernels.mark_inside(near, first, voxel, self.distance, self.origin, self.voxel_m, INSIDE)
+        distance = np.pad(np.minimum(near, _to_border(shape, voxel)), 1)
+        return replace(self, distance=distance, origin=first - voxel, voxel_m=voxel)
 
     def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> MeshField:
         """As ObstacleField says."""

@@ -55,6 +55,28 @@ def lower_by_triangles(distance: NDArray[np.float32], triangles: Array, origin: 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def mark_inside(distance: NDArray[np.float32], origin: Array, voxel: float, known: NDArray[np.float32],
+                known_origin: Array, known_voxel: float, inside: float) -> None:
+    """Set distance to `inside` where no point of a coarser lattice that is known to be outside (above 0) lies within
+    the distance: those that do are on the same side of the surface."""
+    nx, ny, nz = known.shape
+    for i in range(distance.shape[0]):
+        for j in range(distance.shape[1]):
+            for k in range(distance.shape[2]):
+                x, y, z = ((origin[0] + i * voxel - known_origin[0]) / known_voxel,
+                           (origin[1] + j * voxel - known_origin[1]) / known_voxel,
+                           (origin[2] + k * voxel - known_origin[2]) / known_voxel)
+                squared = (distance[i, j, k] / known_voxel) ** 2
+                outside = False
+                for corner in range(8):
+                    a, b, c = (int(x) + (corner & 1), int(y) + (corner >> 1 & 1), int(z) + (corner >> 2))
+                    if a < nx and b < ny and c < nz and known[a, b, c] > 0.0:
+                        outside |= (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 <= squared
+                if not outside:
+                    distance[i, j, k] = inside
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _voxels_around(a: Array, b: Array, c: Array, origin: Array, voxel: float, margin: float,
                    shape: tuple[int, int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     lo, hi = np.empty(3, np.int64), np.empty(3, np.int64)

@@ -15,6 +15,7 @@ from planning.paths.refusal import NoPath
 
 WINDOWS_M = (8.0, np.inf)
 """How far around both ends a way is looked for, first and then."""
+EXACT_SPARE_M = 0.5
 SHORTCUT_POINTS = 32
 SHORTCUT_ROUNDS = 6
 WORTHWHILE = 0.98
@@ -37,17 +38,23 @@ def plan_path(field: ObstacleField, start_enu_m: Array, goal_enu_m: Array, clear
         raise NoPath("goal" if free[0] else "start")
     if field.segments_clear(ends[0], ends[1], clearance_m)[0]:
         return ends
-    return straightened(field, _way_around(field, ends, clearance_m, (lower_enu_m, upper_enu_m)), clearance_m)
+    return _way_around(field, ends, clearance_m, (np.asarray(lower_enu_m), np.asarray(upper_enu_m)))
 
 
 def _way_around(field: ObstacleField, ends: Array, clearance_m: float, box: tuple[Array, Array]) -> Array:
+    """Over the field's lattice, nearby and then everywhere; where that leads nowhere, over a finer one nearby."""
+    low, high = ends.min(axis=0), ends.max(axis=0)
     for margin in WINDOWS_M:
-        lower, upper = np.maximum(ends.min(axis=0) - margin, box[0]), np.minimum(ends.max(axis=0) + margin, box[1])
         try:
-            return lattice_path(field, ends, clearance_m, (lower, upper))
+            way = lattice_path(field, ends, clearance_m, (np.maximum(low - margin, box[0]),
+                                                          np.minimum(high + margin, box[1])))
+            return straightened(field, way, clearance_m)
         except NoPath:
             continue
-    raise NoPath("search")
+    fine = field.finer(low - WINDOWS_M[0], high + WINDOWS_M[0], clearance_m + EXACT_SPARE_M)
+    if fine is None:
+        raise NoPath("search")
+    return straightened(fine, lattice_path(fine, ends, clearance_m, box), clearance_m)
 
 
 def straightened(field: ObstacleField, path: Array, clearance_m: float) -> Array:
