@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +30,7 @@ class MinmaxTours:
         self._at_the_start, self._in_flight = at_the_start, in_flight
         self._ids = [v.view_id for v in views]
         self._index = {view_id: i for i, view_id in enumerate(self._ids)}
+        self._positions = np.array([v.pose.position_enu_m for v in views]).reshape(-1, 3)
         self._costs, self._fresh_percent, self._seed = costs, fresh_percent, mission.seed
         self._swap_s = mission.battery.swap_s
 
@@ -42,11 +44,20 @@ class MinmaxTours:
         flying = [now.sorties[f.vehicle_id] for f in flyers]
         views = [*(v for sorties in flying for sortie in sorties for v in sortie), *now.homeless]
         at = {view_id: n for n, view_id in enumerate(views)}
-        problem = self._problem(flyers, [self._index[v] for v in views], now.refused_by)
+        problem = self._problem([self._at_next_view(f, now) for f in flyers], [self._index[v] for v in views],
+                                now.refused_by)
         locked = [max(1, now.sent.get(f.vehicle_id, 0)) for f in flyers]
         found = reassign(problem, [[[at[v] for v in sortie] for sortie in sorties] for sorties in flying], locked,
                          self._in_flight, self._seed)
         return self._tours(flyers, views, problem, found.allocation)
+
+    def _at_next_view(self, flyer: Flyer, now: Flying) -> Flyer:
+        """A vehicle under way as if it were at the view before it: the rest of that leg is the same whatever is decided,
+        and ways from there are known."""
+        if not now.sent.get(flyer.vehicle_id, 0):
+            return flyer
+        view = self._index[now.sorties[flyer.vehicle_id][0][0]]
+        return replace(flyer, position_enu_m=self._positions[view])
 
     def _problem(self, flyers: list[Flyer], chosen: list[int], refused_by: Mapping[int, Sequence[int]]) -> Problem:
         starts = [self._costs.from_place(f.position_enu_m) for f in flyers]

@@ -23,7 +23,8 @@ from planning.trajectories import Limits, State, Via, fly_route
 UPLOAD_S = 0.3
 """From sending a plan until it is flown."""
 LONGEST_HOLD_S = 60.0
-SPARE_M = 0.1
+SPARE_M = 0.4
+"""Beyond the separation: vehicles launch only what keeps 0.3 m more than it by the announced trajectories."""
 
 
 class Traffic:
