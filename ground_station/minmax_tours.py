@@ -52,8 +52,8 @@ class MinmaxTours:
         return self._tours(flyers, views, problem, found.allocation)
 
     def _at_next_view(self, flyer: Flyer, now: Flying) -> Flyer:
-        """A vehicle under way as if it were at the view before it: the rest of that leg is the same whatever is decided,
-        and ways from there are known."""
+        """A vehicle under way as if it were at the view before it: the rest of that leg is the same whatever is
+        decided, and ways from there are known."""
         if not now.sent.get(flyer.vehicle_id, 0):
             return flyer
         view = self._index[now.sorties[flyer.vehicle_id][0][0]]
