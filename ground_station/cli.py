@@ -33,7 +33,7 @@ COMMANDS = (
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
-    Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on a run's views"),
+    Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on given views"),
     Command("bench", "ground_station.cli:bench", "measure one part: render, allocate, paths, deconflict, energy"),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
 )
@@ -43,6 +43,7 @@ BENCHMARKS = (
     Command("allocate", "ground_station.allocate.bench:main", "makespans of the methods, on files and as views grow"),
     Command("paths", "ground_station.bench.paths:main", "planners in narrow passages and around given structures"),
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
+    Command("trajectories", "ground_station.bench.trajectories:main", "views passed or stopped at; legs and flights"),
     Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),
 )
 

@@ -84,8 +84,30 @@ def test_the_table_holds_the_thesis_beside_the_run(run: RunFolder, capsys: pytes
 def test_an_index_beyond_the_tour_is_refused(run: RunFolder, arguments: list[str], words: str) -> None:
     with pytest.raises(UserError, match=words):
         main([str(run.root), *arguments])
-    with pytest.raises(UserError, match="no such run folder"):
-        main([str(run.root / "x")])
+
+
+def test_a_file_of_views_is_planned_as_it_stands(run: RunFolder, tmp_path: Path,
+                                                 capsys: pytest.CaptureFixture[str]) -> None:
+    heaps = np.concatenate([np.random.default_rng(2).uniform(0.0, 9.0, (30, 3)), np.full((4, 3), 40.0)])
+    np.savez(tmp_path / "v.npz", a=np.concatenate([np.zeros((5, 3)), heaps]), b=heaps)
+    asked = [str(tmp_path / "v.npz"), "--key", "a", "--skip", "5", "--stop-at", "25", "--json"]
+    assert main(asked) == 0
+    told = json.loads(capsys.readouterr().out)["distance"]
+    assert told["views"] == 34
+    busy = max(told["vehicles"].values(), key=lambda v: v["views"])
+    assert (busy["views"], busy["stop_index"], len(busy["handed_over"])) == (30, 25, 5)
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["x", "--stop-at", "3"], "no such run folder or file"), (["v.npz"], "knows no battery"),
+    (["v.npz", "--stop-at", "3", "--skip", "9"], "leave views"),
+    (["v.npz", "--stop-at", "3", "--vehicles", "0"], "at least 1")])
+def test_bad_calls_say_what_to_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str],
+                                    words: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.savez("v.npz", a=np.arange(27.0).reshape(9, 3))
+    with pytest.raises(UserError, match=words):
+        main(arguments)
 
 
 def test_a_run_without_pictures_says_what_to_fly(run: RunFolder) -> None:

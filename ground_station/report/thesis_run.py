@@ -52,27 +52,46 @@ def planned_positions(data: RunData) -> Array:
     return np.array([v.position_enu_m for v in rows[: spec.max_views]])
 
 
-def plan_run(data: RunData, percent_per_m: float | None = None, stop_index: int | None = None) -> ThesisRun:
-    """Plan a run's views with both costs. percent_per_m replaces the mission's.
+@dataclass(frozen=True)
+class Setting:
+    """What is planned: views (n, 3), vehicles, batteries, weights of Eq. 4.4; what is known of pads and structure."""
 
-    stop_index: instead, the consumption at which the vehicle with most points meets the threshold at that index with
-    the distance cost. Raises UserError when there are no views or the index is beyond the tour.
+    positions_enu_m: Array
+    vehicles: int
+    discharge: Discharge
+    alpha: float = 1.0
+    beta: float = 0.5
+    starts_enu_m: Array | None = None
+    obstacle: Obstacle | None = None
+    seed: int = 1
+
+    def plan(self, cost: str) -> Experiment:
+        """With one kind of cost."""
+        return experiment(self.positions_enu_m, self.vehicles, LegCost(cost, self.alpha, self.beta),  # type: ignore[arg-type]
+                          self.discharge, self.starts_enu_m, self.obstacle, self.seed)
+
+
+def plan_both(setting: Setting, stop_index: int | None = None) -> dict[str, Experiment]:
+    """Plans by kind of cost.
+
+    stop_index: at the consumption with which the vehicle with most points meets the threshold there with the distance
+    cost. Raises UserError when the index is beyond its tour.
     """
-    positions = planned_positions(data)
-    discharge = Discharge(data.mission.battery.percent_per_m if percent_per_m is None else percent_per_m,
-                          data.mission.battery.threshold_percent)
-    starts, obstacle = _starts(data), _obstacle(data, positions)
-
-    def plan(cost: str, paid: Discharge) -> Experiment:
-        spec = data.mission.survey
-        legs = LegCost(cost, spec.alpha, spec.beta)  # type: ignore[arg-type]
-        return experiment(positions, data.mission.fleet.vehicles, legs, paid, starts, obstacle, data.mission.seed)
-
     if stop_index is not None:
-        free = plan("distance", replace(discharge, percent_per_m=0.0))
-        discharge = replace(discharge, percent_per_m=consumption_for(
-            free, stop_index, discharge.threshold_percent - BELOW_THRESHOLD_PERCENT))
-    return ThesisRun(positions, {cost: plan(cost, discharge) for cost in COSTS}, _surface(data))
+        paid = setting.discharge
+        free = replace(setting, discharge=replace(paid, percent_per_m=0.0)).plan("distance")
+        rate = consumption_for(free, stop_index, paid.threshold_percent - BELOW_THRESHOLD_PERCENT)
+        setting = replace(setting, discharge=replace(paid, percent_per_m=rate))
+    return {cost: setting.plan(cost) for cost in COSTS}
+
+
+def plan_run(data: RunData, percent_per_m: float | None = None, stop_index: int | None = None) -> ThesisRun:
+    """Plan a run's views with both costs. percent_per_m replaces the mission's. Raises UserError without views."""
+    mission, survey, positions = data.mission, data.mission.survey, planned_positions(data)
+    rate = mission.battery.percent_per_m if percent_per_m is None else percent_per_m
+    setting = Setting(positions, mission.fleet.vehicles, Discharge(rate, mission.battery.threshold_percent),
+                      survey.alpha, survey.beta, _starts(data), _obstacle(data, positions), mission.seed)
+    return ThesisRun(positions, plan_both(setting, stop_index), _surface(data))
 
 
 def write_waypoints(plan: Experiment, path: Path) -> None:
