@@ -65,7 +65,7 @@ def test_the_way_home_kept_back_is_more_than_a_free_one_takes(place: np.ndarray,
     energy = energy_of(mission(wind={"velocity_enu_m_s": wind}))
     hover, pad = np.array([0.0, 0.0, 4.0]), np.zeros(3)
     slow, vertical = Limits(1.5, 2.0, 6.0), Limits(1.5, 2.0, 6.0)
-    home = WayHome(energy, hover, pad, LIMITS, slow, vertical)
+    home = WayHome(energy, hover, pad, LIMITS, slow, vertical, 1)
     back = fly_run(State.at_rest(place), 0.0, 0.0, [Via(hover, 0.0)], LIMITS).curve
     down = fly_run(State.at_rest(hover), 0.0, 0.0, [Via(pad, 0.0)], vertical).curve
     flown = energy.curve_percent(back) + energy.curve_percent(down)
@@ -80,7 +80,8 @@ def test_behind_a_wall_the_way_home_is_as_long_as_the_way_there() -> None:
             return True
         return bool(a[1] + (b[1] - a[1]) * a[0] / (a[0] - b[0]) < -40.0)
 
-    home = WayHome(DistanceEnergy(1.0), np.array([-5.0, 0.0, 4.0]), np.array([-5.0, 0.0, 0.0]), LIMITS, LIMITS, LIMITS)
+    hover, pad = np.array([-5.0, 0.0, 4.0]), np.array([-5.0, 0.0, 0.0])
+    home = WayHome(DistanceEnergy(1.0), hover, pad, LIMITS, LIMITS, LIMITS, 1)
     before = float(home.percent(np.array([5.0, 0.0, 4.0])))
     for x, y in ((-5, -20), (-5, -45), (5, -45), (5, -20), (5, 0)):
         home.note(np.array([x, y, 4.0]), clear)

@@ -44,7 +44,7 @@ class Executor:
     """The vehicle's mission state."""
 
     def __init__(self, pilot: Pilot, battery: Battery, spec: BatterySpec, camera: CameraPayload, pad_enu_m: Array,
-                 hover_enu_m: Array) -> None:
+                 hover_enu_m: Array, teammates: int) -> None:
         self.pilot, self.battery, self.camera = pilot, battery, camera
         self.pad, self.hover = pad_enu_m, hover_enu_m
         self.mode, self.outbox = STANDBY, Outbox()
@@ -56,7 +56,8 @@ class Executor:
         self._next: tuple[Route, list[list[int]]] | None = None
         self._spec = spec
         self._vertical = replace(pilot.limits, speed_m_s=min(pilot.limits.speed_m_s, VERTICAL_SPEED_M_S))
-        self.way_home = WayHome(battery.energy, hover_enu_m, pad_enu_m, pilot.limits, pilot.slow, self._vertical)
+        self.way_home = WayHome(battery.energy, hover_enu_m, pad_enu_m, pilot.limits, pilot.slow, self._vertical,
+                                teammates)
         self._passing: list[tuple[int, int]] = []
         self._target: int | None = None
         self._jump_to: int | None = None

@@ -21,7 +21,7 @@ class Condition:
     threshold_percent: float
     reserve_percent: float
     home_percent: float
-    """What coming home takes, with a detour and a wait."""
+    """What coming home takes, with a detour and waits for teammates."""
     least_home_percent: float
     """What coming home takes if the way is free."""
     ground_heard_ns: int

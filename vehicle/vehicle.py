@@ -77,7 +77,8 @@ class Vehicle:
         self.avoidance = Avoidance(self.memory, self.teammates, fleet, self.fence, mission.seed * 1000 + vehicle_id)
         self.pilot = Pilot(vehicle_id, self.simulator, self.avoidance, Limits.of_fleet(fleet))
         self.camera = CameraPayload(vehicle_id, mission.camera, storage)
-        self.executor = Executor(self.pilot, self.battery, mission.battery, self.camera, pad, hover)
+        self.executor = Executor(self.pilot, self.battery, mission.battery, self.camera, pad, hover,
+                                 fleet.vehicles - 1)
         self.missions = MissionService(self._judge, self.executor.jump)
         self.autopilot = Autopilot(vehicle_id, self.site, self.executor, self.missions)
         self.failsafe = Failsafe()

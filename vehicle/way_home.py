@@ -15,21 +15,21 @@ DETOUR = 1.3
 NEXT_RESTS = 8
 """Over so many of the places on the shortest ways a free way home is looked for."""
 SAME_PLACE_M = 0.5
-WAIT_S = 20.0
-"""Time on the way home in which a teammate may be in the way."""
+WAIT_S = 12.0
+"""For each teammate that may come home first through the same gap."""
 
 
 class WayHome:
     """From a place to the hover point and down to the pad. All results are percent (...) for positions (..., 3)."""
 
     def __init__(self, energy: Energy, hover_enu_m: Array, pad_enu_m: Array, limits: Limits, slow: Limits,
-                 vertical: Limits) -> None:
+                 vertical: Limits, teammates: int) -> None:
         """limits: of a free way; slow: of a detour; vertical: of landing."""
         self._energy, self._hover, self._limits, self._slow = energy, hover_enu_m, limits, slow
         down = pad_enu_m - hover_enu_m
         length = np.asarray(np.linalg.norm(down))
         self._landing = float(energy.leg_percent(down, length, leg_time_s(length, vertical)))
-        self._waiting = energy.rest_percent(WAIT_S)
+        self._waiting = energy.rest_percent(WAIT_S * teammates)
         self._rests, self._way_m = [hover_enu_m], [0.0]
         self._around_m = 0.0
 
@@ -47,7 +47,7 @@ class WayHome:
         self._around_m = way_m - float(gaps[0])
 
     def percent(self, position_enu_m: Array) -> Array:
-        """With a detour, at least as far around as from the last rest, and a wait for a teammate."""
+        """With a detour, at least as far around as from the last rest, and waits for all teammates."""
         away = self._hover - position_enu_m
         straight = np.linalg.norm(away, axis=-1)
         length = np.maximum(DETOUR * straight, straight + self._around_m)
