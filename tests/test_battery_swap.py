@@ -13,7 +13,8 @@ from missions.messages import BatterySwap
 from missions.mission import BatterySpec, FleetSpec, Mission
 from tests.vehicle_world import World, open_map
 
-MISSION = Mission(title="t", fleet=FleetSpec(vehicles=1), battery=BatterySpec(start_percent=[15.0], swaps=1, swap_s=20.0))
+MISSION = Mission(title="t", fleet=FleetSpec(vehicles=1),
+                  battery=BatterySpec(start_percent=[15.0], swaps=1, swap_s=20.0))
 
 
 @pytest.fixture
