@@ -2,7 +2,8 @@
 
 A leg is timed from shutter to shutter over the corners of its collision-free way, with the jerk-limited motion that
 vehicles fly (trajectories/course.py): blended corners, speed limited at the shutter, the camera turned in time. How
-sharply a vehicle turns at a view depends on the views before and after it; the mean over possible turns is taken.
+sharply a vehicle turns at a view depends on the views before and after it; the mean over possible turns is taken. So
+does how much room it has to turn: the other leg at a view is taken to be as long as the way to the nearest place.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from planning.trajectories import Limits, profile
 from planning.trajectories.course import EXACT_M
 from planning.trajectories.run import STILL_S
 
-COSINES = np.array([0.775, 0.325, -0.125, -0.575])
+COSINES = np.array([0.8125, 0.4375, 0.0625, -0.3125])
 BENDS = np.sqrt((1.0 - COSINES) / 2.0)
-"""Sines of half the turns at views that legs are timed with, on average: all directions but the tenth that is most
-nearly a reversal, which good tours avoid."""
+"""Sines of half the turns at views that legs are timed with, on average: evenly spread directions but the quarter that
+is most nearly a reversal. The mean cosine, 0.25, is that of good tours around structures."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ def _legs_s(places: Array, corners: Array, lengths: Array, speed: Array, pass_m:
     at_place = np.empty(n)
     for i in range(n):
         within = profile.lateral_speed_m_s(pass_m[i], a, j) / bend
-        at_place[i] = min(speed[i] / math.sqrt(1.0 - bend * bend), within, v)
+        near = np.sort(lengths[i])[min(1, n - 1)]
+        at_place[i] = min(speed[i] / math.sqrt(1.0 - bend * bend), within, _stoppable_m_s(near, bend, v, a, j))
         out[i, i] = 0.0
     for start in range(n):
         for goal in range(start):
