@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ground_station.prediction import predicted_flight
 from missions.frames import Array
 from missions.mavlink import Waypoint
-from missions.messages import SiteBrief
+from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.pads import hover_points
-from planning.trajectories import Limits, State, Via, fly_route, leg_time_s
+from planning.trajectories import Limits, leg_time_s
 from planning.trajectories.energy import energy_of
 
 EXPLORE_ENERGY_SHARE = 0.5
@@ -48,13 +47,10 @@ class EnergyBudget:
         back = self._legs(home, DETOUR * np.linalg.norm(home, axis=1))
         return np.asarray(np.isfinite(way_m) & (there + back <= usable_percent))
 
-    def route_percent(self, from_enu_m: Array, yaw_enu_rad: float, elevation_rad: float,
-                      waypoints: list[Waypoint]) -> float:
+    def route_percent(self, state: VehicleState, waypoints: list[Waypoint]) -> float:
         """Of flying these waypoints from hovering, as the vehicle will: smoothed, waiting for the next tick at every
         stop, hovering while the plan is on its way up and the last picture on its way down."""
-        vias = [Via(np.array(w.position_enu_m), w.yaw_enu_rad, w.gimbal_elevation_rad, w.stop, w.settle_s, w.pass_m,
-                    w.speed_m_s or math.inf) for w in waypoints]
-        flight = fly_route(State.at_rest(from_enu_m), yaw_enu_rad, elevation_rad, vias, self._limits)
+        flight = predicted_flight(state, waypoints, self._limits)
         hovering_s = HANDLING_S + 0.5 * self._tick_s * sum(w.stop for w in waypoints)
         return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(hovering_s)
 

@@ -220,10 +220,7 @@ class Fleet:
                                            f"{drone.battery_percent:.1f} %")
 
     def _predicted_percent(self, drone: Drone, waypoints: list[Waypoint]) -> float | None:
-        if drone.state is None:
-            return None
-        return self._energy.route_percent(drone.position_enu_m, drone.state.yaw_enu_rad,
-                                          drone.state.gimbal_elevation_rad, waypoints)
+        return None if drone.state is None else self._energy.route_percent(drone.state, waypoints)
 
     def _leave_plan(self, drone: Drone, stage: Stage, flown: bool = False) -> None:
         drone.stage, drone.goal = stage, None

@@ -12,13 +12,14 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from ground_station.prediction import predicted_flight
 from missions.frames import Array
 from missions.mavlink import Waypoint
 from missions.messages import VehicleState
 from missions.mission import Mission
 from planning.deconflict import NEVER, first_approach
 from planning.deconflict.schedule import HOLD_STEP_S, SLACK_S, STEP_S
-from planning.trajectories import Limits, State, Via, fly_route
+from planning.trajectories import Limits
 
 UPLOAD_S = 0.3
 """From sending a plan until it is flown."""
@@ -62,10 +63,7 @@ class Traffic:
 
     def _predicted(self, state: VehicleState, waypoints: list[Waypoint]) -> Array:
         """(n, 3) every STEP_S from sending the plan until it is flown."""
-        vias = [Via(np.array(w.position_enu_m), w.yaw_enu_rad, w.gimbal_elevation_rad, w.stop, w.settle_s, w.pass_m,
-                    w.speed_m_s or math.inf) for w in waypoints]
-        flight = fly_route(State.at_rest(np.array(state.position_enu_m)), state.yaw_enu_rad,
-                           state.gimbal_elevation_rad, vias, self._limits)
+        flight = predicted_flight(state, waypoints, self._limits)
         t_s = np.arange(0.0, flight.duration_s + UPLOAD_S + STEP_S, STEP_S) - UPLOAD_S
         return np.asarray(flight.curve.at(np.clip(t_s, 0.0, flight.duration_s))[0])
 

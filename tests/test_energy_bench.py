@@ -13,7 +13,7 @@ from ground_station.bench.energy import consumption, main
 from ground_station.energy import EnergyBudget
 from ground_station.report.run_data import RunData, Track
 from missions.mavlink import Waypoint
-from missions.messages import SiteBrief
+from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.pads import hover_points
 from missions.run_folder import RunFolder
@@ -24,6 +24,12 @@ BRIEF: SiteBrief = SITE
 
 def mission(**sections: object) -> Mission:
     return msgspec.convert({"title": "test", "fleet": {"vehicles": 1}, **sections}, Mission)
+
+
+def hovering(position_enu_m: tuple[float, float, float]) -> VehicleState:
+    return VehicleState(vehicle_id=1, t_ns=0, position_enu_m=position_enu_m, velocity_enu_m_s=(0.0, 0.0, 0.0),
+                        acceleration_enu_m_s2=(0.0, 0.0, 0.0), yaw_enu_rad=0.0, gimbal_elevation_rad=0.0,
+                        battery_percent=100.0, flying=True, mode="hold")
 
 
 def test_the_benchmark_tells_the_fit_and_the_curve(capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,8 +70,7 @@ def test_a_flown_plan_consumes_what_was_predicted(stop: bool, wind: tuple[float,
     world.run(3)
     state, plan = world.states[1][-1], route([(x, -9, 6 + x / 5) for x in (-8, -3, 2, 8)], plan_id=2, first_view=200,
                                              stop=stop)
-    predicted = EnergyBudget(told, BRIEF).route_percent(np.array(state.position_enu_m), state.yaw_enu_rad,
-                                                        state.gimbal_elevation_rad, plan.waypoints)
+    predicted = EnergyBudget(told, BRIEF).route_percent(state, plan.waypoints)
     before = world.vehicles[1].battery.level_percent
     world.upload(plan, 1)
     assert world.run(60, lambda: len(world.views()) == 5 and world.vehicles[1].executor.idle)
@@ -94,8 +99,8 @@ def test_goals_are_affordable_as_long_as_the_way_home_is(model: str) -> None:
 
 
 def test_waypoints_passed_at_speed_take_less_than_stops() -> None:
-    budget = EnergyBudget(mission(), BRIEF)
-    totals = [budget.route_percent(np.zeros(3), 0.0, 0.0, [
+    budget, state = EnergyBudget(mission(), BRIEF), hovering((0.0, 0.0, 5.0))
+    totals = [budget.route_percent(state, [
         Waypoint(position_enu_m=(5.0 * n, 0.0, 5.0), yaw_enu_rad=0.0, stop=stop or n == 6) for n in range(1, 7)])
         for stop in (True, False)]
     assert totals[1] < totals[0]
