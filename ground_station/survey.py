@@ -39,6 +39,8 @@ class Survey:
         self._flown: dict[int, int] = {}
         self._chunk: dict[int, int] = {}
         self._known: set[int] = set()
+        self._asked: set[int] = set()
+        """Vehicles without views for which nothing was found."""
 
     @property
     def over(self) -> bool:
@@ -69,21 +71,25 @@ class Survey:
 
     def begin(self, flyers: list[Flyer], t_s: float) -> None:
         """The first tours."""
-        self._known = {f.vehicle_id for f in flyers}
         if flyers and self._views:
             self._take(self._method.begin(flyers), t_s)
+        self._note(flyers)
 
     def news(self, able: list[int]) -> str:
         """Why the tours should change now that these vehicles can fly; "" when they should not."""
         homeless = self.ledger.homeless()
         if homeless:
             return ", ".join(sorted({self.ledger.why_released(v) or "new" for v in homeless}))
-        return "" if self.over or set(able) <= self._known else "join"
+        if self.over or not any(self.waiting(k) for k in able):
+            return ""
+        if not set(able) <= self._known:
+            return "join"
+        return "idle" if any(self._idle(k) and k not in self._asked for k in able) else ""
 
     def redistribute(self, flyers: list[Flyer], t_s: float) -> None:
         """Give every view that nobody holds to a vehicle that has not found it blocked and can afford it, or settle
         its outcome; the tours of all may change for that."""
-        able = self._known = {f.vehicle_id for f in flyers}
+        able = {f.vehicle_id for f in flyers}
         for view_id in self.ledger.homeless():
             refused_by = self.ledger.refused_by(view_id)
             if able <= set(refused_by):
@@ -94,6 +100,7 @@ class Survey:
                          {f.vehicle_id: len(self._active.get(f.vehicle_id, [])) for f in flyers},
                          self.ledger.homeless(), self._refusals(), self._flown)
             self._take(self._method.again(flyers, now), t_s)
+        self._note(flyers)
 
     def shut_in(self, flyer: Flyer, airspace: Airspace, teammates_enu_m: list[Array]) -> bool:
         """Whether there is no way from where a vehicle hovers to any view that it still has to plan."""
@@ -183,6 +190,13 @@ class Survey:
         for view_id, outcome in tours.left_over.items():
             if view_id not in sent:
                 self.ledger.settle(view_id, outcome.kind, outcome.detail)
+
+    def _note(self, flyers: list[Flyer]) -> None:
+        self._known = {f.vehicle_id for f in flyers}
+        self._asked = {k for k in self._known if self._idle(k)}
+
+    def _idle(self, vehicle_id: int) -> bool:
+        return not self.ledger.held_by(vehicle_id)
 
     def _to_fly(self, vehicle_id: int) -> list[list[int]]:
         first, *later = self._sorties.get(vehicle_id, [[]])

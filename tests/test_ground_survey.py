@@ -162,6 +162,21 @@ def test_whoever_joins_gets_views_of_the_others() -> None:
     assert {(r["from"], r["to"], r["reason"]) for r in survey.ledger.reassignments} == {(1, 2, "balance")}
 
 
+def test_whoever_is_done_early_is_offered_what_the_others_have_not_been_sent_once() -> None:
+    survey = survey_of(views(120))
+    survey.begin([flyer(1), flyer(2)], 0.0)
+    survey.next_waypoints(flyer(2), AIR, [])
+    for view_id in survey.ledger.held_by(1):
+        survey.flown(view_id, 1)
+    unsent = survey.left(2) - CHUNK_VIEWS
+    assert unsent > 5
+    assert survey.news([1, 2]) == "idle"
+    survey.redistribute([flyer(1), flyer(2)], 1.0)
+    assert survey.news([1, 2]) == ""
+    assert survey.left(1) + survey.left(2) == unsent + CHUNK_VIEWS
+    assert survey.left(1) > 0
+
+
 def test_what_was_sent_stays_with_its_vehicle_in_the_order_sent() -> None:
     survey = survey_of(views(60))
     survey.begin([flyer(1), flyer(2)], 0.0)
