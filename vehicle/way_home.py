@@ -15,7 +15,7 @@ DETOUR = 1.3
 NEXT_RESTS = 8
 """Over so many of the places on the shortest ways a free way home is looked for."""
 SAME_PLACE_M = 0.5
-WAIT_S = 12.0
+WAIT_S = 15.0
 """For each teammate that may come home first through the same gap."""
 
 
