@@ -160,6 +160,19 @@ def test_tabulated_legs_are_the_flown_ones(displacement: np.ndarray, wind: tuple
     assert float(told) == pytest.approx(found.curve_percent(curve), rel=0.01, abs=1e-3)
 
 
+@settings(max_examples=15)
+@given(st.integers(0, 1000), st.sampled_from([2.0, 4.0, 10.0]), st.sampled_from([(0.0, 0.0, 0.0), (5.0, 3.0, 0.0)]))
+def test_legs_add_up_to_blended_tours(seed: int, step_m: float, wind: tuple[float, float, float]) -> None:
+    """The allocation reckons with legs from the table and the seconds of flown ones; the vehicle flies the whole run."""
+    found, rng = energy(wind), np.random.default_rng(seed)
+    points = np.concatenate([np.zeros((1, 3)), np.cumsum(step_m * rng.normal(0.0, 0.5, (20, 3)), axis=0)])
+    vias = [Via(p, 0.0, stop=n == 19, pass_m=0.25, speed_m_s=2.0) for n, p in enumerate(points[1:])]
+    flight = fly_run(State.at_rest(points[0]), 0.0, 0.0, vias, found.limits)
+    legs = np.diff(points, axis=0)
+    told = found.leg_percent(legs, np.linalg.norm(legs, axis=1), np.diff(flight.reached_s, prepend=0.0))
+    assert told.sum() == pytest.approx(found.curve_percent(flight.curve), rel=0.02)
+
+
 def test_time_beyond_the_leg_is_hovered() -> None:
     found = energy()
     leg = np.array([10.0, 0.0, 0.0])
