@@ -163,7 +163,7 @@ def test_tabulated_legs_are_the_flown_ones(displacement: np.ndarray, wind: tuple
 @settings(max_examples=15)
 @given(st.integers(0, 1000), st.sampled_from([2.0, 4.0, 10.0]), st.sampled_from([(0.0, 0.0, 0.0), (5.0, 3.0, 0.0)]))
 def test_legs_add_up_to_blended_tours(seed: int, step_m: float, wind: tuple[float, float, float]) -> None:
-    """The allocation reckons with legs from the table and the seconds of flown ones; the vehicle flies the whole run."""
+    """The allocation reckons with legs from the table and their seconds; the vehicle flies the whole run."""
     found, rng = energy(wind), np.random.default_rng(seed)
     points = np.concatenate([np.zeros((1, 3)), np.cumsum(step_m * rng.normal(0.0, 0.5, (20, 3)), axis=0)])
     vias = [Via(p, 0.0, stop=n == 19, pass_m=0.25, speed_m_s=2.0) for n, p in enumerate(points[1:])]
