@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from missions.frames import Array
 from planning.paths import kernels, search_kernels
@@ -13,17 +14,20 @@ from planning.paths.refusal import NoPath
 NEAR = np.array([(i, j, k) for i in range(-1, 3) for j in range(-1, 3) for k in range(-1, 3)])
 """Lattice points around a point that it may be joined to."""
 
+EDGE_SPARE_M = 1e-3
+"""Steps keep this much more, so that whoever looks at pieces of them finds these clear too."""
+
 
 def lattice_path(field: ObstacleField, ends_enu_m: Array, clearance_m: float, box_enu_m: tuple[Array, Array]) -> Array:
     """(k, 3) waypoints between two ends (2, 3) over lattice points inside a box. Raises NoPath("search")."""
     first, room = _cut_out(field, clearance_m, box_enu_m)
     seeds, seed_m = _joined(field, ends_enu_m[0], clearance_m, first, room.shape)
     exits, exit_m = _joined(field, ends_enu_m[1], clearance_m, first, room.shape)
-    if not len(seeds) or not len(exits):
+    if not _may_connect(room >= clearance_m, seeds, exits):
         raise NoPath("search")
     unit = field.voxel_m / search_kernels.AXIS
     starts, start_costs = np.ravel_multi_index(tuple(seeds.T), room.shape), np.round(seed_m / unit).astype(np.int64)
-    cost, came = search_kernels.search(room, clearance_m, field.voxel_m, starts, start_costs,
+    cost, came = search_kernels.search(room, clearance_m + EDGE_SPARE_M, field.voxel_m, starts, start_costs,
                                        exits[int(np.argmin(exit_m))])
     reached = cost[tuple(exits.T)]
     if reached.max() < 0:
@@ -31,6 +35,13 @@ def lattice_path(field: ObstacleField, ends_enu_m: Array, clearance_m: float, bo
     last = exits[int(np.argmin(np.where(reached < 0, np.inf, reached * unit + exit_m)))]
     inner = field.origin + (first + _corners(search_kernels.walk_back(came, *(int(c) for c in last)))) * field.voxel_m
     return np.concatenate([ends_enu_m[:1], inner, ends_enu_m[1:]])
+
+
+def _may_connect(wide: NDArray[np.bool_], seeds: NDArray[np.int64], exits: NDArray[np.int64]) -> bool:
+    """Whether some seed and some exit (n, 3) lie in one piece of the wide points: searching all of a large space in vain
+    takes much longer."""
+    pieces, _ = ndimage.label(wide, structure=np.ones((3, 3, 3)))
+    return bool(np.intersect1d(pieces[tuple(seeds.T)], pieces[tuple(exits.T)]).size)
 
 
 def _corners(voxels: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -24,7 +24,7 @@ def search(clearance: NDArray[np.float32], need: float, voxel: float, seeds: NDA
     """Dijkstra over lattice points with 26 neighbours and integer costs in a ring of buckets (Dial 1969); towards a
     goal point, given as (i, j, k) instead of an empty array, A* that ends there.
 
-    clearance: (nx, ny, nz) metres at the points; a step is open when the clearances at its ends prove it clear.
+    clearance: (nx, ny, nz) metres at the points; a step is open when those at its ends prove it clear.
     Returns costs (-1 unreached; AXIS per voxel) and for each point the index of the step that led there (-1 for seeds).
     """
     nx, ny, nz = clearance.shape
@@ -63,10 +63,10 @@ def search(clearance: NDArray[np.float32], need: float, voxel: float, seeds: NDA
             if x < 0 or y < 0 or z < 0 or x >= nx or y >= ny or z >= nz:
                 continue
             v = (x * ny + y) * nz + z
-            if done[v] or room[v] < need or not chord_clear(room[u], room[v], lengths[d], need):
-                continue
             c = cost[u] + costs[d]
-            if cost[v] >= 0 and cost[v] <= c:
+            if done[v] or room[v] < need or (cost[v] >= 0 and cost[v] <= c):
+                continue
+            if not chord_clear(room[u], room[v], lengths[d], need):
                 continue
             ahead = _ahead(x, y, z, goal)
             if cost[v] >= 0:
