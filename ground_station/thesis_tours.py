@@ -7,18 +7,15 @@ import numpy as np
 from ground_station.ledger import ENERGY
 from ground_station.tours import Flyer, Flying, Outcome, Tours
 from missions.camera import View
-from missions.frames import Array
 from missions.mission import Mission
 from planning.allocate.cost import LegCost
 from planning.allocate.thesis import allocate
 from planning.allocate.thesis_reassign import Receiver, reassign
 
-DETOUR = 1.15
-"""Legs are taken to be this much longer than straight lines when energy is shared out."""
-
 
 class ThesisTours:
-    """Sections 4.4.1, 4.4.2 and 4.4.6. Energy is reckoned by Algorithm 1; there is one sortie per vehicle."""
+    """Sections 4.4.1, 4.4.2 and 4.4.6. Energy is reckoned by Algorithm 1 over straight legs; the way home is flown with
+    what the threshold keeps back. There is one sortie per vehicle."""
 
     def __init__(self, views: list[View], mission: Mission) -> None:
         spec = mission.survey
@@ -27,20 +24,22 @@ class ThesisTours:
         self._ids = [v.view_id for v in views]
         self._index = {view_id: i for i, view_id in enumerate(self._ids)}
         self._positions = np.array([v.pose.position_enu_m for v in views]).reshape(-1, 3)
-        self._between_m = DETOUR * LegCost().between(self._positions, self._positions)
+        self._between_m = LegCost().between(self._positions, self._positions)
+        self._place: dict[int, int] = {}
 
     def begin(self, flyers: list[Flyer]) -> Tours:
         """A Ward cluster and a networkx tour for each vehicle."""
         starts = np.array([f.position_enu_m for f in flyers])
-        tours = allocate(self._positions, starts, self._cost)
-        return Tours({f.vehicle_id: [[self._ids[i] for i in tour]] for f, tour in zip(flyers, tours, strict=True)})
+        tours = [[self._ids[i] for i in tour] for tour in allocate(self._positions, starts, self._cost)]
+        self._place = {view_id: place for place, view_id in enumerate(v for tour in tours for v in tour)}
+        return Tours({f.vehicle_id: [tour] for f, tour in zip(flyers, tours, strict=True)})
 
     def again(self, flyers: list[Flyer], now: Flying) -> Tours:
-        """What nobody has goes to whoever is done or nearly done and can afford it."""
+        """What nobody has goes to whoever is done or nearly done and can afford it, in the order of the first tours."""
         sorties = {f.vehicle_id: [list(now.sorties[f.vehicle_id][0])] for f in flyers}
         left_over: dict[int, Outcome] = {}
         groups: dict[tuple[int, ...], list[int]] = {}
-        for view_id in now.homeless:
+        for view_id in sorted(now.homeless, key=lambda v: (self._place.get(v, -1), v)):
             groups.setdefault(tuple(now.refused_by.get(view_id, ())), []).append(view_id)
         for refused_by, views in sorted(groups.items()):
             able = [f for f in flyers if f.vehicle_id not in refused_by]
@@ -52,9 +51,7 @@ class ThesisTours:
         return Tours(sorties, left_over)
 
     def _receiver(self, flyer: Flyer, tour: list[int], now: Flying) -> Receiver:
+        away_m = np.linalg.norm(self._positions - flyer.position_enu_m, axis=1)
+        range_m = flyer.usable_percent / self._percent_per_m if self._percent_per_m > 0.0 else float("inf")
         return Receiver(flyer.vehicle_id, [self._index[v] for v in tour], now.flown.get(flyer.vehicle_id, 0),
-                        self._away_m(flyer.position_enu_m), self._away_m(flyer.home_enu_m),
-                        flyer.usable_percent / self._percent_per_m if self._percent_per_m > 0.0 else float("inf"))
-
-    def _away_m(self, place_enu_m: Array) -> Array:
-        return np.asarray(DETOUR * np.linalg.norm(self._positions - place_enu_m, axis=1))
+                        away_m, np.zeros_like(away_m), range_m)

@@ -20,7 +20,9 @@ from ground_station.report.thesis_page import thesis_part
 from ground_station.report.thesis_run import plan_run
 from ground_station.thesis_airspace import ThesisAirspace
 from ground_station.thesis_command import main
-from missions.camera import Pose
+from ground_station.thesis_tours import ThesisTours
+from ground_station.tours import Flyer, Flying
+from missions.camera import Pose, View
 from missions.errors import UserError
 from missions.messages import PictureMeta, SiteBrief
 from missions.mission import BatterySpec, ExploreSpec, Mission, SceneSpec, SurveySpec
@@ -168,3 +170,17 @@ def test_every_exploration_picture_can_be_a_view() -> None:
         explorer.add(Picture(meta, black))
     assert [p.position_enu_m[0] for p in explorer.poses(every_picture=True)] == [2.0, 4.0, 1.0, 3.0]
     assert explorer.poses(every_picture=False) == []
+
+
+def test_views_are_handed_over_in_the_order_of_the_tour_and_down_to_the_threshold() -> None:
+    mission = Mission(title="t", battery=BatterySpec(model="distance", percent_per_m=1.0))
+    places = [(float(x), 0.0, 5.0) for x in (9, 3, 6, 0, 12, 40, 43)]
+    method = ThesisTours([View(100 + i, Pose(p, 0.0, 0.0)) for i, p in enumerate(places)], mission)
+    pads = [np.array([0.0, 0.0, 5.0]), np.array([45.0, 0.0, 5.0])]
+    tour = method.begin([Flyer(k, pad, pad, 80.0) for k, pad in enumerate(pads, start=1)]).sorties[1][0]
+    assert tour == [103, 104, 100, 102, 101]
+    for usable_percent, taken in ((28.0 + 9.0, 4), (28.0 + 6.0, 3), (27.0, 0)):
+        receiver = Flyer(2, np.array([40.0, 0.0, 5.0]), pads[1], usable_percent)
+        then = method.again([receiver], Flying({2: [[]]}, {}, sorted(tour[1:]), {}, {1: 1, 2: 2}))
+        assert then.sorties[2][0] == tour[1 : 1 + taken]
+        assert set(then.left_over) == set(tour[1 + taken :])
