@@ -64,8 +64,8 @@ def build_roadmap(field: ObstacleField, places_enu_m: Array, clearance_m: float,
     nodes, edges = _joined(field, nodes, edges, len(places), clearance_m, starts)
     reached, before = dijkstra(_graph(nodes, edges), directed=False, indices=np.arange(len(places)),
                                return_predecessors=True)
-    start, goal = np.nonzero(np.isfinite(reached[:, :len(places)]))
-    ways = nodes[_pulled(field, nodes, before, start, goal, clearance_m)]
+    start, goal = np.nonzero(np.tril(np.isfinite(reached[:, :len(places)])))
+    ways = _tightened(field, nodes[_pulled(field, nodes, before, start, goal, clearance_m)], clearance_m)
     return _both_ways(field, clearance_m, places, start, goal, ways)
 
 
@@ -97,14 +97,10 @@ def _pulled(field: ObstacleField, nodes: Array, before: NDArray[np.int32], start
 
 def _both_ways(field: ObstacleField, clearance_m: float, places: Array, start: NDArray[np.int64],
                goal: NDArray[np.int64], ways: Array) -> Roadmap:
-    """Of each way there and the way back the shorter one, tightened, for both."""
+    """The ways (m, k, 3) from goal to start, and back."""
     n = len(places)
     lengths, corners = np.full((n, n), np.inf), np.full((n, n, max(ways.shape[1] - 2, 0), 3), np.nan)
-    lengths[goal, start] = _length_m(ways)
-    there, back = lengths[goal, start], lengths[start, goal]
-    keep = (there < back) | ((there == back) & (goal < start))
-    start, goal, ways = start[keep], goal[keep], _tightened(field, ways[keep], clearance_m)
-    lengths[goal, start] = lengths[start, goal] = _length_m(ways)
+    lengths[goal, start] = lengths[start, goal] = np.linalg.norm(np.diff(ways, axis=1), axis=2).sum(axis=1)
     repeated = (ways[:, 1:-1] == ways[:, -1:]).all(axis=2)
     corners[goal, start] = np.where(repeated[..., None], np.nan, ways[:, 1:-1])
     corners[start, goal] = corners[goal, start, ::-1]
@@ -124,10 +120,6 @@ def _tightened(field: ObstacleField, ways: Array, clearance_m: float) -> Array:
         clear[clear] = field.segments_clear(moved[clear], after[clear], clearance_m)
         ways[m[clear], k] = moved[clear]
     return ways
-
-
-def _length_m(ways: Array) -> Array:
-    return np.asarray(np.linalg.norm(np.diff(ways, axis=1), axis=2).sum(axis=1))
 
 
 def _milestones(field: ObstacleField, clearance_m: float) -> Array:
