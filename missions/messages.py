@@ -145,12 +145,14 @@ class RightOfWay(Message, frozen=True, kw_only=True):
 
 class AnnouncedTrajectory(Message, frozen=True, kw_only=True):
     """Where a vehicle will be: positions at fixed steps from t_start_ns; it stays at the last one. In between it leaves
-    the chords by at most acceleration * step^2 / 8."""
+    the chords by at most acceleration * step^2 / 8. Should it have to stop, it rests where it would have been at most
+    stopping_s later."""
 
     vehicle_id: int
     t_start_ns: int
     step_ns: int
     positions_enu_m: list[Vector]
+    stopping_s: float = 0.0
     wants: RightOfWay | None = None
 
 

@@ -14,7 +14,7 @@ from planning.allocate.flight_cost import Passing, leg_seconds
 from planning.allocate.minmax import Effort, solve
 from planning.allocate.problem import Problem, Ways
 from planning.allocate.reassign import reassign
-from planning.deconflict import distance_to_polyline_m, first_approach
+from planning.deconflict import distance_to_polyline_m, first_approach, meeting
 from planning.nbv.gain import GainSpec, gain_field
 from planning.nbv.lattice import build_lattice
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
@@ -71,6 +71,7 @@ def _cost_legs(grid: VoxelGrid) -> None:
 def _keep_apart() -> None:
     track = np.zeros((3, 3))
     first_approach(track, track + 1.0, 2, 1.0)
+    meeting(track, track + 1.0, 2, 1.0, track)
     distance_to_polyline_m(track, track)
 
 

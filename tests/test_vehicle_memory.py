@@ -39,9 +39,9 @@ def test_at_first_only_the_columns_are_free(memory: SensorMemory) -> None:
 def test_what_the_sensor_sweeps_is_free_and_what_it_hits_is_not(memory: SensorMemory) -> None:
     memory.put_scan(scan(), NOBODY, 1.5)
     assert clearance(memory, HERE) > 0.5
-    assert not memory.hits_clear(HERE, np.array([6.0, 0.0, 5.0]), 1.0)
-    assert memory.hits_clear(HERE, np.array([-6.0, 0.0, 5.0]), 2.9)
-    assert memory.hits_clear(HERE, np.array([0.0, 0.0, 1.0]), 0.9), "the ground is no obstacle"
+    assert not memory.hits_clear(np.array([HERE, [6.0, 0.0, 5.0]]), 1.0)
+    assert memory.hits_clear(np.array([HERE, [-6.0, 0.0, 5.0]]), 2.9)
+    assert memory.hits_clear(np.array([HERE, [0.0, 0.0, 1.0]]), 0.9), "the ground is no obstacle"
 
 
 def test_nothing_behind_a_hit_is_swept(memory: SensorMemory) -> None:
@@ -65,7 +65,7 @@ def test_the_map_is_taken_over_where_it_lies_and_solid_stays_solid(memory: Senso
 def test_echoes_from_teammates_are_left_out(memory: SensorMemory) -> None:
     body = ((2.7, -0.3, 4.7), (3.3, 0.3, 5.3))
     memory.put_scan(scan(boxes=(body,)), np.array([[3.0, 0.0, 5.0]]), 1.5)
-    assert memory.hits_clear(HERE, np.array([6.0, 0.0, 5.0]), 1.0)
+    assert memory.hits_clear(np.array([HERE, [6.0, 0.0, 5.0]]), 1.0)
 
 
 def test_hits_are_kept_once_and_forgotten_when_not_seen_again(memory: SensorMemory) -> None:
@@ -74,9 +74,9 @@ def test_hits_are_kept_once_and_forgotten_when_not_seen_again(memory: SensorMemo
     memory.put_scan(scan(10), NOBODY, 1.5)
     assert memory.hit_version == version
     memory.put_scan(scan(HIT_MEMORY_NS, boxes=()), NOBODY, 1.5)
-    assert not memory.hits_clear(HERE, np.array([6.0, 0.0, 5.0]), 1.0)
+    assert not memory.hits_clear(np.array([HERE, [6.0, 0.0, 5.0]]), 1.0)
     memory.put_scan(scan(3 * HIT_MEMORY_NS, boxes=()), NOBODY, 1.5)
-    assert memory.hits_clear(HERE, np.array([6.0, 0.0, 5.0]), 1.0)
+    assert memory.hits_clear(np.array([HERE, [6.0, 0.0, 5.0]]), 1.0)
 
 
 def test_directions_cover_the_sphere_evenly() -> None:

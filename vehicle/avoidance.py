@@ -24,7 +24,7 @@ IN_FLIGHT_SPARE_M = 0.1
 REACTION_S = 0.3
 """From a teammate's braking until the own braking begins, at most."""
 ASIDE_STEPS_M = (1.5, 3.0, 4.5, 6.5, 9.0)
-WALK_M = 0.05
+STOPPED_SHORT_M, STEP_SHORT_M = 0.03, 0.01
 REPLAN_REACH_M = (6.0, 16.0)
 """How far around the direct way a detour is looked for, first and then."""
 ESCAPE_STEPS_M = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -58,26 +58,48 @@ class Avoidance:
     def clear(self, a_enu_m: Array, b_enu_m: Array) -> bool:
         """Whether the straight way from a to b keeps the clearance from all that is not known to be free.
 
-        Segments are walked in steps that depend on the direction, so a way that is found clear in either is clear, and
-        a vehicle that stopped on a clear way may find itself short of the clearance by WALK_M: it may still leave.
+        Clearances are bounds from below. A whole segment may be proven clear, in one direction, while the bound at a
+        place on it falls a little short: a vehicle that stopped there may leave it again.
         """
         need = self._fleet.clearance_m
         ends = np.stack([a_enu_m, b_enu_m])
         field = self.memory.field(a_enu_m, b_enu_m, need)
-        need = max(need - WALK_M, min(need, float(field.clearance_m(ends).min())))
+        room = float(field.clearance_m(ends).min())
+        if need - STOPPED_SHORT_M <= room < need:
+            need = room - STEP_SHORT_M
         return bool(field.segments_clear(ends, ends[::-1], need).any())
 
-    def clear_of_hits(self, a_enu_m: Array, b_enu_m: Array) -> bool:
-        """The part of `clear` that can change while the map stays the same."""
-        return self.memory.hits_clear(a_enu_m, b_enu_m, self._fleet.clearance_m + HIT_RADIUS_M)
+    def clear_legs(self, points_enu_m: Array) -> int:
+        """How many legs of a polyline (k, 3), from its beginning, are clear."""
+        need = self._fleet.clearance_m
+        field = self.memory.field(points_enu_m.min(axis=0), points_enu_m.max(axis=0), need)
+        clear = field.segments_clear(points_enu_m[:-1], points_enu_m[1:], need)
+        for n, leg in enumerate(clear):
+            if not leg and not self.clear(points_enu_m[n], points_enu_m[n + 1]):
+                return n
+        return len(clear)
 
-    def conflicts(self, flight: Flight, now_ns: int, start_ns: int | None = None) -> list[Conflict]:
-        """Teammates that keep a flight from being launched (now, when no start is given): apart even when either has to
-        stop on the way."""
+    def outline_clear(self, way_enu_m: Array) -> bool:
+        """Whether a polyline (k, 3) that bounds a blend is clear."""
+        need = self._fleet.clearance_m
+        field = self.memory.field(way_enu_m.min(axis=0), way_enu_m.max(axis=0), need)
+        return bool(field.segments_clear(way_enu_m[:-1], way_enu_m[1:], need).all())
+
+    def still_clear(self, way_enu_m: Array) -> bool:
+        """Whether the way (k, 3) that was found clear still is, on a map that has changed."""
+        need = self._fleet.clearance_m - STOPPED_SHORT_M
+        field = self.memory.field(way_enu_m.min(axis=0), way_enu_m.max(axis=0), need)
+        return bool(field.segments_clear(way_enu_m[:-1], way_enu_m[1:], need).all())
+
+    def clear_of_hits(self, way_enu_m: Array) -> bool:
+        """The part of `still_clear` that can change while the map stays the same."""
+        return self.memory.hits_clear(way_enu_m, self._fleet.clearance_m + HIT_RADIUS_M - STOPPED_SHORT_M)
+
+    def conflicts(self, flight: Flight, way_enu_m: Array, now_ns: int, start_ns: int | None = None) -> list[Conflict]:
+        """Teammates that keep a flight along a way (k, 3) from being launched (now, when no start is given): apart even
+        when either has to stop, and never past where another one will rest, so that there is always a way back."""
         start_ns = now_ns if start_ns is None else start_ns
-        stopping_s = 0.5 * (self._fleet.speed_m_s / self._fleet.acceleration_m_s2
-                            + self._fleet.acceleration_m_s2 / self._fleet.jerk_m_s3) + REACTION_S
-        return self.teammates.conflicts(flight, start_ns, now_ns, self.separation_m, stopping_s, ends=True)
+        return self.teammates.conflicts(flight, start_ns, now_ns, self.separation_m, REACTION_S, way_enu_m)
 
     def conflicts_in_flight(self, flight: Flight, start_ns: int, now_ns: int) -> list[Conflict]:
         """Teammates that the rest of a flight under way comes too near to."""
@@ -88,9 +110,9 @@ class Avoidance:
         """How near a place may be to a resting vehicle before it counts as taken."""
         return self._fleet.separation_m + SEPARATION_SPARE_M
 
-    def may_leave(self, a_enu_m: Array, b_enu_m: Array) -> bool:
-        """Whether the body itself gets through from a to b, out of a place that became too narrow."""
-        return self.memory.hits_clear(a_enu_m, b_enu_m, self._fleet.radius_m + BODY_SPARE_M)
+    def may_leave(self, way_enu_m: Array) -> bool:
+        """Whether the body itself gets through along a way (k, 3), out of a place that became too narrow."""
+        return self.memory.hits_clear(way_enu_m, self._fleet.radius_m + BODY_SPARE_M)
 
     def way(self, start_enu_m: Array, goal_enu_m: Array, t_ns: int, around_resting: bool) -> Array:
         """(k, 3) waypoints from start to goal around obstacles and dead teammates, and around those that rest when
@@ -162,7 +184,7 @@ class Avoidance:
         if here_m >= least:
             return bool(field.segments_clear(start, goal, max(least, here_m - 0.1))[0])
         # The map calls the very place solid in which the vehicle hovers: there the range sensor alone is believed.
-        return self.may_leave(start, goal)
+        return self.may_leave(np.stack([start, goal]))
 
     def _field(self, start: Array, goal: Array, reach_m: float, teammates: Array) -> ObstacleField:
         field = self.memory.field(start, goal, reach_m)

@@ -39,6 +39,7 @@ TICK_NS, LATENCY_NS = 100_000_000, 10_000_000
 STUCK_NS = 180 * NS
 """Nobody has moved for so long: a deadlock."""
 MAX_NS = 7200 * NS
+PASS_M = 0.25
 ATTEMPTS = 3
 """A view that so many plans have given back is not flown."""
 
@@ -171,12 +172,13 @@ class Campaign:
             self.attempts[n] += 1
             goal = self.world.views_enu_m[n]
             for corner in reach_from(self.world, here).path_to(goal)[1:-1]:
-                waypoints.append(Waypoint(position_enu_m=tuple(corner.tolist()), yaw_enu_rad=0.0,
-                                          gimbal_elevation_rad=0.0, stop=False, settle_s=0.0, view_id=None))
+                waypoints.append(Waypoint(position_enu_m=tuple(corner.tolist()), yaw_enu_rad=0.0, stop=False,
+                                          pass_m=PASS_M))
             stop = bool(self.random.random() < 0.5)
             waypoints.append(Waypoint(
-                position_enu_m=tuple(goal.tolist()), yaw_enu_rad=float(self.random.uniform(-3.0, 3.0)),
-                gimbal_elevation_rad=0.0, stop=stop, settle_s=0.3 if stop else 0.0, view_id=n))
+                position_enu_m=tuple(goal.tolist()), yaw_enu_rad=float(self.random.uniform(-3.0, 3.0)), view_id=n,
+                stop=stop, settle_s=0.3 if stop else 0.0, pass_m=PASS_M,
+                speed_m_s=0.0 if stop else float(self.random.uniform(0.3, 3.0))))
             here = goal
         self._plans += 1
         route = Route(plan_id=self._plans, phase="survey", waypoints=waypoints, home_after=home)

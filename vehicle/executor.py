@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from missions.frames import Array
-from missions.mavlink import Route, Waypoint
+from missions.mavlink import Route
 from missions.messages import LegReport, ShutterRequest
 from missions.mission import BatterySpec
-from planning.trajectories import Via, straight_run
+from planning.trajectories import Via
 from planning.trajectories.energy import stops_percent
 from vehicle.battery import Battery
 from vehicle.camera import CameraPayload
 from vehicle.pilot import Outcome, Pilot
-from vehicle.simulator import NS
+from vehicle.route_progress import RouteProgress
 from vehicle.way_home import WayHome
 
 STANDBY, TAKEOFF, MISSION, HOLD, RETURN, LAND, EMERGENCY = (
@@ -48,19 +48,15 @@ class Executor:
         self.pilot, self.battery, self.camera = pilot, battery, camera
         self.pad, self.hover = pad_enu_m, hover_enu_m
         self.mode, self.outbox = STANDBY, Outbox()
-        self.route: Route | None = None
-        self.index = 0
+        self.progress = RouteProgress(camera)
         self.return_when_done = False
         self.wake_ns: int | None = None
-        self._items: list[list[int]] = []
-        self._next: tuple[Route, list[list[int]]] | None = None
         self._spec = spec
         self._vertical = replace(pilot.limits, speed_m_s=min(pilot.limits.speed_m_s, VERTICAL_SPEED_M_S))
         self.way_home = WayHome(battery.energy, hover_enu_m, pad_enu_m, pilot.limits, pilot.slow, self._vertical,
                                 teammates)
         self._passing: list[tuple[int, int]] = []
         self._target: int | None = None
-        self._jump_to: int | None = None
         self._last: int | None = None
 
     @property
@@ -71,7 +67,7 @@ class Executor:
     @property
     def idle(self) -> bool:
         """Hovering with nothing to do."""
-        return self.mode == HOLD or (self.mode == MISSION and not self._views_left() and self._target is None)
+        return self.mode == HOLD or (self.mode == MISSION and not self.progress.left and self._target is None)
 
     @property
     def threshold_percent(self) -> float:
@@ -81,24 +77,25 @@ class Executor:
     def take(self, route: Route, items: list[list[int]]) -> None:
         """Make this the plan: at once when none is under way, else after the present run. items: for each waypoint
         the mission items that it is made of."""
-        self._next = (route, items)
-        if self.mode != MISSION:
-            self._switch()
+        self.progress.take(route, items)
+        self._switch_at_rest()
 
     def jump(self, seq: int) -> None:
         """Go on with the waypoint that mission item `seq` belongs to, after the present run."""
-        self._jump_to = next((n for n, items in enumerate(self._items) if items[-1] >= seq), len(self._items))
+        self.progress.jump(seq)
 
     def drop_plan(self) -> None:
         """Forget the plan; the present run is finished."""
-        self._next = (Route(plan_id=0, phase="explore", waypoints=[]), [])
-        if self.mode != MISSION:
-            self._switch()
+        self.progress.take(Route(plan_id=0, phase="explore", waypoints=[]), [])
+        self._switch_at_rest()
 
-    def _switch(self) -> None:
-        if self._next is not None:
-            (self.route, self._items), self.index, self._next, self._target = self._next, 0, None, None
-            self._passing, self._jump_to = [], None
+    def _switch_at_rest(self) -> None:
+        if self.mode != MISSION:
+            self._turn_page()
+
+    def _turn_page(self) -> None:
+        if self.progress.turn_page():
+            self._passing, self._target = [], None
             self.pilot.arrived()
 
     def start(self) -> bool:
@@ -122,19 +119,19 @@ class Executor:
         if self.mode in (MISSION, HOLD, TAKEOFF):
             if outcome == "energy" and self._finishes_leg(t_ns):
                 return
-            self._report_rest(outcome or "unreachable")
+            self.outbox.reports.extend(self.progress.give_back(outcome or "unreachable"))
             self._halt(t_ns, RETURN)
 
     def return_now(self, t_ns: int) -> None:
         """Return at once, out of a leg under way as well: what is left is needed for the way home."""
         if self.mode in (MISSION, HOLD, TAKEOFF):
-            self._report_rest("energy")
+            self.outbox.reports.extend(self.progress.give_back("energy"))
             self._halt(t_ns, RETURN)
 
     def land_here(self, t_ns: int) -> None:
         """Go straight down, whatever is below."""
         if self.mode not in (STANDBY, EMERGENCY):
-            self._report_rest("energy")
+            self.outbox.reports.extend(self.progress.give_back("energy"))
             self._halt(t_ns, EMERGENCY)
 
     def step(self, t_ns: int) -> None:
@@ -142,9 +139,9 @@ class Executor:
         self._pass_waypoints(t_ns)
         if t_ns < self.pilot.simulator.end_ns:
             self._watch(t_ns)
-        else:
+        elif not self.pilot.patient(t_ns):
             _MODES[self.mode](self, t_ns)
-        due = [t for t, n in self._passing if self._waypoint(n).view_id is not None]
+        due = [t for t, n in self._passing if self.progress.waypoint(n).view_id is not None]
         self.wake_ns = due[0] if due else None
 
     def _watch(self, t_ns: int) -> None:
@@ -166,27 +163,23 @@ class Executor:
             self._vertical_leg(self.hover, t_ns)
 
     def _mission(self, t_ns: int) -> None:
-        if self.pilot.patient(t_ns):
-            return
         self._arrive(t_ns)
-        if self._jump_to is not None:
-            self.index, self._jump_to = self._jump_to, None
-            self.pilot.arrived()
-        self._switch()
-        self._skip_exposed()
-        if not self._views_left():
+        self._turn_page()
+        self.outbox.reached.extend(self.progress.skip_exposed())
+        if not self.progress.left:
             self._finish(t_ns)
             return
-        self.way_home.note(self.pilot.position(t_ns), self.pilot.avoidance.clear)
-        vias = self._run(t_ns)
-        if not self._energy_for(vias, t_ns):
-            self.go_home(t_ns, "energy")
-            return
-        outcome = self.pilot.go(vias, t_ns, self._onward(len(vias)))
+        vias = self.progress.run()
+        if not self.pilot.waiting:
+            self.way_home.note(self.pilot.position(t_ns), self.pilot.avoidance.clear)
+            if not self._energy_for(vias, t_ns):
+                self.go_home(t_ns, "energy")
+                return
+        outcome = self.pilot.go(vias, t_ns, self.progress.to_next_view())
         if outcome is Outcome.FLYING:
-            self._depart(vias, t_ns)
+            self._depart()
         elif outcome is Outcome.BLOCKED:
-            self._skip("blocked", self.pilot.why_blocked)
+            self.outbox.reports.extend(self.progress.skip("blocked", self.pilot.why_blocked))
         else:
             self.pilot.make_way(t_ns)
 
@@ -200,11 +193,7 @@ class Executor:
             self.pilot.arrived()
             return
         now = self.pilot.simulator.at(t_ns)
-        outcome = self.pilot.go([Via(self.hover, now.yaw_enu_rad)], t_ns, [])
-        back = self.pilot.trail.back
-        if outcome is Outcome.BLOCKED and back is not None:
-            self.pilot.go([Via(back, now.yaw_enu_rad)], t_ns, [])
-        elif outcome is Outcome.WAITING:
+        if self.pilot.go([Via(self.hover, now.yaw_enu_rad)], t_ns, [self.hover]) is Outcome.WAITING:
             self.pilot.make_way(t_ns)
 
     def _land(self, t_ns: int) -> None:
@@ -226,33 +215,11 @@ class Executor:
         now = self.pilot.simulator.at(t_ns)
         self.pilot.fly(Via(goal, now.yaw_enu_rad), self._vertical, t_ns)
 
-    def _run(self, t_ns: int) -> list[Via]:
-        assert self.route is not None, "a run belongs to a route"
-        left = [Via(np.array(w.position_enu_m), w.yaw_enu_rad, w.gimbal_elevation_rad, w.stop, w.settle_s)
-                for w in self.route.waypoints[self.index:self.index + MAX_RUN]]
-        return left[: straight_run(self.pilot.position(t_ns), left)]
-
-    def _onward(self, taken: int) -> list[Array]:
-        """Where the route goes on to after so many waypoints, up to its next view."""
-        assert self.route is not None, "a run belongs to a route"
-        left = self.route.waypoints[self.index:self.index + MAX_RUN]
-        if any(w.view_id is not None for w in left[:taken]):
-            return []
-        following = left[taken:]
-        last = next((n for n, w in enumerate(following) if w.view_id is not None), len(following) - 1)
-        return [np.array(w.position_enu_m) for w in following[: last + 1]]
-
-    def _depart(self, vias: list[Via], t_ns: int) -> None:
-        """Remember what this flight passes and where it ends; a detour ends nowhere yet."""
-        flight = self.pilot.simulator.flight
-        self._passing, self._target = [], None
-        if np.allclose(flight.curve.end, vias[-1].position, atol=1e-6):
-            last = self.index + len(vias) - 1
-            self._passing = [(t_ns + round(float(s) * NS), self.index + n)
-                             for n, s in enumerate(flight.reached_s[:len(vias) - 1])]
-            self._target = last
-        elif np.allclose(flight.curve.end, vias[0].position, atol=1e-6):
-            self._target = self.index
+    def _depart(self) -> None:
+        """Remember which waypoints this flight passes, and at which it ends."""
+        first, reaches_ns = self.progress.index, self.pilot.reaches_ns
+        self._passing = [(t, first + n) for n, t in enumerate(reaches_ns[:-1])]
+        self._target = first + len(reaches_ns) - 1 if reaches_ns else None
 
     def _pass_waypoints(self, t_ns: int) -> None:
         while self._passing and self._passing[0][0] <= t_ns:
@@ -267,35 +234,13 @@ class Executor:
 
     def _complete(self, n: int, t_ns: int) -> None:
         """Waypoint n is reached: take its picture."""
-        assert self.route is not None, "only a route has waypoints"
-        waypoint = self._waypoint(n)
-        if waypoint.view_id is not None:
-            request = self.camera.expose(waypoint.view_id, self.route.phase, self.pilot.simulator.at(t_ns), t_ns)
-            if request is not None:
-                self.outbox.shutters.append(request)
-        self.outbox.reached.extend(self._items[n])
-        self.index = n + 1
-
-    def _waypoint(self, n: int) -> Waypoint:
-        assert self.route is not None, "only a route has waypoints"
-        return self.route.waypoints[n]
-
-    def _views_left(self) -> bool:
-        return self.route is not None and self.index < len(self.route.waypoints)
-
-    def _skip_exposed(self) -> None:
-        while self._views_left() and self.route is not None:
-            if (self.route.phase, self._waypoint(self.index).view_id) not in self.camera.exposed:
-                break
-            self.outbox.reached.extend(self._items[self.index])
-            self.index += 1
-
-    def _skip(self, outcome: str, detail: str) -> None:
-        self._report(self.route, self.index, outcome, detail)
-        self.index += 1
+        request, items = self.progress.complete(n, self.pilot.simulator.at(t_ns), t_ns)
+        if request is not None:
+            self.outbox.shutters.append(request)
+        self.outbox.reached.extend(items)
 
     def _finish(self, t_ns: int) -> None:
-        if self.return_when_done or (self.route is not None and self.route.home_after):
+        if self.return_when_done or self.progress.home_after:
             self._halt(t_ns, RETURN)
         else:
             self.pilot.make_way(t_ns)
@@ -314,35 +259,18 @@ class Executor:
         if self.mode != MISSION or self.pilot.simulator.end_ns <= t_ns:
             return False
         if self._last is None:
-            self._last = self.index
-        return self.index <= self._last
+            self._last = self.progress.index
+        return self.progress.index <= self._last
 
     def _may_turn_back(self) -> bool:
-        return self.mode == RETURN and self._views_left() and self.battery.level_percent > self._spec.threshold_percent
+        return self.mode == RETURN and self.progress.left and self.battery.level_percent > self._spec.threshold_percent
 
     def _halt(self, t_ns: int, mode: str) -> None:
         self.pilot.stop(t_ns)
         self.pilot.arrived()
         self.mode, self._passing, self._target, self._last = mode, [], None, None
 
-    def _report_rest(self, outcome: str) -> None:
-        following = self._next[0] if self._next is not None else None
-        for route, first in ((self.route, self.index), (following, 0)):
-            for n in range(first, len(route.waypoints) if route is not None else 0):
-                self._report(route, n, outcome, "")
-        if self.route is not None:
-            self.index = len(self.route.waypoints)
-        self._next = None
 
-    def _report(self, route: Route | None, n: int, outcome: str, detail: str) -> None:
-        view_id = route.waypoints[n].view_id if route is not None else None
-        if route is not None and view_id is not None and (route.phase, view_id) not in self.camera.exposed:
-            self.outbox.reports.append(LegReport(plan_id=route.plan_id, view_id=view_id, outcome=outcome,
-                                                 detail=detail))
-
-
-MAX_RUN = 64
-"""Waypoints looked at for one straight run."""
 _MODES: dict[str, Callable[[Executor, int], None]] = {
     STANDBY: Executor._standby, TAKEOFF: Executor._takeoff, MISSION: Executor._mission, HOLD: Executor._hold,
     RETURN: Executor._return, LAND: Executor._land, EMERGENCY: Executor._emergency,

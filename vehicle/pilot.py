@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from enum import Enum
 
@@ -10,11 +11,12 @@ import numpy as np
 from missions.frames import Array
 from missions.messages import AnnouncedTrajectory
 from planning.paths import NoPath
-from planning.trajectories import Flight, Limits, State, Via, brake, fly_run
+from planning.trajectories import Flight, Limits, State, Via, fly_run
 from vehicle.avoidance import Avoidance, Knowledge
 from vehicle.right_of_way import SAME_PLACE_M, RightOfWayRules, Trail
-from vehicle.simulator import NS, KinematicSimulator, coasting
-from vehicle.teammates import Rank, announce
+from vehicle.run_planner import RunPlanner
+from vehicle.simulator import NS, KinematicSimulator
+from vehicle.teammates import STEP_NS, Rank, announce
 
 LOOK_AHEAD_NS = 200_000_000
 RETRY_NS = 500_000_000
@@ -47,15 +49,18 @@ class Pilot:
         self.why_blocked = ""
         self.trail = Trail()
         self.rules = RightOfWayRules(vehicle_id, avoidance.teammates, avoidance.separation_m)
+        self.reaches_ns: list[int] = []
+        """When the flight under way reaches the vias that it was asked for; empty for a detour."""
+        self._planner = RunPlanner(avoidance, self.rules)
+        self._way = simulator.flight.curve.end[None]
         self._news = True
         self._waiting = False
         self._no_way_since: int | None = None
         self._retry_ns = self._make_way_ns = 0
         self._around_ns = self._around_step_ns = 0
         self._launches = 0
-        self._narrow = self._careful = self._shortcut = False
+        self._narrow = self._careful = self._fresh_rest = False
         self._passing: list[tuple[int, Array]] = []
-        self._told_rank = self.rules.rank
         self._checked: Knowledge | None = None
         self._check_ns = 0
         self._fresh = False
@@ -73,50 +78,43 @@ class Pilot:
         """(3,) where the vehicle is."""
         return self.simulator.at(t_ns).state.position
 
-    def go(self, vias: list[Via], t_ns: int, onward: list[Array]) -> Outcome:
-        """Start towards the vias (one run); to be asked again at every rest until they are reached. onward: where the
-        vehicle has to go on to before it does anybody any good."""
+    def go(self, vias: list[Via], t_ns: int, wanted: list[Array]) -> Outcome:
+        """Start towards the vias (one run); to be asked again at every rest until they are reached. wanted: the way to
+        ask for where teammates are in the way, as far as to where the vehicle does some good."""
         if t_ns < self._retry_ns:
             return Outcome.WAITING
         here = self._rest(t_ns)
         if self._launches > MAX_LAUNCHES:
-            return self._give_up("too many attempts")
-        if self.detour and self._shortcut:
-            self._shortcut = False
-            points = [*self.detour, vias[0].position]
-            self.detour = self.detour[next((n for n in range(len(self.detour), 0, -1)
-                                            if self.avoidance.clear(here, points[n])), 0):]
-        run = [self._toward(vias[0], self.detour[0])] if self.detour else vias
-        limits = self.slow if self.detour and self._careful else self.limits
-        if not self.avoidance.clear(here, run[-1].position):
-            return self._go_around(vias, here, t_ns, onward)
-        flight = self._flight(run, limits, t_ns)
-        conflicts = self.avoidance.conflicts(flight, t_ns)
-        if not conflicts and not self.rules.refuses(flight, t_ns):
-            self._launch(flight, t_ns)
+            return self._give_up("too many attempts", t_ns)
+        self._cut_short(here, vias[0])
+        plan = self._planner.plan(self.simulator.at(t_ns), *self._run(vias), t_ns)
+        if plan.flight is not None:
+            self._launch(plan.flight, plan.points, t_ns)
+            self.reaches_ns = self.reaches_ns[len(self.detour):]
             return Outcome.FLYING
-        if any(c.other_rests for c in conflicts) and self._around_teammates(vias[0], here, t_ns):
+        if plan.solid:
+            return self._go_around(vias[0], here, t_ns, wanted)
+        if any(c.other_rests for c in plan.conflicts) and self._around_teammates(vias[0], here, t_ns):
             return Outcome.FLYING
-        return self._wait(t_ns, [here, *self.detour, *(v.position for v in vias), *onward])
+        return self._wait(t_ns, [here, *self.detour, *wanted])
 
     def fly(self, via: Via, limits: Limits, t_ns: int) -> Outcome:
         """A leg that is vouched for (vertical over the own pad), checked against teammates alone."""
         if t_ns < self._retry_ns:
             return Outcome.WAITING
         here = self._rest(t_ns)
-        flight = self._flight([via], limits, t_ns)
-        if self.avoidance.conflicts(flight, t_ns):
+        flight = self._flight(via, limits, t_ns)
+        if self.avoidance.conflicts(flight, np.stack([here, via.position]), t_ns):
+            self._make_way_ns = t_ns + RETRY_NS
             return self._wait(t_ns, [here, via.position])
-        self._launch(flight, t_ns)
+        self._launch(flight, [via.position], t_ns)
         return Outcome.FLYING
 
     def stop(self, t_ns: int) -> None:
-        """Brake to rest on the line of flight."""
+        """Brake to rest on the way of the flight."""
         if self.braking or t_ns >= self.simulator.end_ns:
             return
-        now = self.simulator.at(t_ns)
-        flight = coasting(brake(now.state, self.limits), now.yaw_enu_rad, now.gimbal_elevation_rad)
-        self.simulator.fly(flight, t_ns)
+        self.simulator.fly(self.simulator.flight.stop(self.simulator.elapsed_s(t_ns)), t_ns)
         self.braking, self._news = True, True
 
     def look_ahead(self, t_ns: int) -> bool:
@@ -124,13 +122,13 @@ class Pilot:
         if self.braking or t_ns < self._check_ns or self._checked == self.avoidance.version:
             return False
         before, self._checked = self._checked, self.avoidance.version
-        here, end = self.position(t_ns), self.simulator.flight.curve.end
+        ahead = self.simulator.flight.curve.sample(STEP_NS / NS, self.simulator.elapsed_s(t_ns))[1]
         if self._narrow:
-            clear = self.avoidance.may_leave(here, end)
+            clear = self.avoidance.may_leave(ahead)
         elif before is not None and before.map == self._checked.map:
-            clear = self.avoidance.clear_of_hits(here, end)
+            clear = self.avoidance.clear_of_hits(ahead)
         else:
-            clear = self.avoidance.clear(here, end)
+            clear = self.avoidance.still_clear(ahead) and self.avoidance.clear_of_hits(ahead)
         if not clear:
             self.detour, self._careful = [], True
         if not clear or self._must_yield(t_ns):
@@ -160,10 +158,10 @@ class Pilot:
                 if self._yield_to(place, t_ns):
                     self.rules.stepped_aside()
                     return True
-        back = self.trail.back
-        if back is not None and self.avoidance.clear(here, back) and self._yield_to(back, t_ns):
-            return True
-        self._behalf(rank, [] if back is None else [here, back])
+        for place in self.trail.back:
+            if self.avoidance.clear(here, place) and self._yield_to(place, t_ns):
+                return True
+        self._behalf(rank, [here, *self.trail.back[:1]])
         return False
 
     def arrived(self) -> None:
@@ -192,29 +190,40 @@ class Pilot:
                 break
         return here
 
-    def _toward(self, via: Via, position: Array) -> Via:
-        return replace(via, position=position, settle_s=0.0)
+    def _cut_short(self, here: Array, via: Via) -> None:
+        """Leave out what the detour no longer needs, once at every rest."""
+        if self.detour and self._fresh_rest:
+            points = [*self.detour, via.position]
+            ahead = range(len(self.detour), 0, -1)
+            self.detour = self.detour[next((n for n in ahead if self.avoidance.clear(here, points[n])), 0):]
+        self._fresh_rest = False
 
-    def _flight(self, vias: list[Via], limits: Limits, t_ns: int) -> Flight:
+    def _run(self, vias: list[Via]) -> tuple[list[Via], Limits]:
+        """Along the detour, if there is one, and on: one leg at a time where the map has proved wrong."""
+        if self.detour and self._careful:
+            return [_toward(vias[0], self.detour[0])], self.slow
+        return [*(replace(_toward(vias[0], p), stop=False) for p in self.detour), *vias], self.limits
+
+    def _flight(self, via: Via, limits: Limits, t_ns: int) -> Flight:
         now = self.simulator.at(t_ns)
-        return fly_run(State.at_rest(now.state.position), now.yaw_enu_rad, now.gimbal_elevation_rad, vias, limits)
+        return fly_run(State.at_rest(now.state.position), now.yaw_enu_rad, now.gimbal_elevation_rad, [via], limits)
 
-    def _go_around(self, vias: list[Via], here: Array, t_ns: int, onward: list[Array]) -> Outcome:
+    def _go_around(self, via: Via, here: Array, t_ns: int, wanted: list[Array]) -> Outcome:
         """What is solid is in the way: plan, past resting teammates if there is such a way."""
-        if self._around_teammates(vias[0], here, t_ns):
+        if self._around_teammates(via, here, t_ns):
             return Outcome.FLYING
         try:
-            path = self.avoidance.way(here, vias[0].position, t_ns, around_resting=False)
+            path = self.avoidance.way(here, via.position, t_ns, around_resting=False)
         except NoPath as e:
-            self.detour = self.trail.back_to(lambda place: self.avoidance.clear(place, vias[0].position))
-            if self.detour:
-                return self._wait(t_ns, [here, *self.detour, *(v.position for v in vias), *onward])
-            return self._no_way(t_ns, f"no way there ({e.reason})")
-        self._careful = True
-        if self._launch_detour(path, vias[0], t_ns):
-            return Outcome.FLYING
-        self.detour = list(path[1:-1])
-        return self._wait(t_ns, [*path, *(v.position for v in vias[1:]), *onward])
+            self.detour = self.trail.back_to(lambda place: self.avoidance.clear(place, via.position))
+            if not self.detour:
+                return self._no_way(t_ns, f"no way there: {e}")
+        else:
+            self._careful = True
+            if self._launch_detour(path, via, t_ns):
+                return Outcome.FLYING
+            self.detour = list(path[1:-1])
+        return self._wait(t_ns, [here, *self.detour, *wanted])
 
     def _around_teammates(self, via: Via, here: Array, t_ns: int) -> bool:
         if t_ns < self._around_ns or self.avoidance.taken(via.position, t_ns):
@@ -228,29 +237,34 @@ class Pilot:
         return self._launch_detour(path, via, t_ns)
 
     def _launch_detour(self, path: Array, via: Via, t_ns: int) -> bool:
-        first = via if len(path) == 2 else self._toward(via, path[1])
-        flight = self._flight([first], self.slow if self._careful else self.limits, t_ns)
-        if self.avoidance.conflicts(flight, t_ns) or self.rules.refuses(flight, t_ns):
+        first = via if len(path) == 2 else _toward(via, path[1])
+        flight = self._flight(first, self.slow if self._careful else self.limits, t_ns)
+        if self.avoidance.conflicts(flight, path[:2], t_ns) or self.rules.refuses(flight, t_ns):
             return False
         narrow = not self.avoidance.clear(path[0], path[1])
-        self._launch(flight, t_ns)
+        self._launch(flight, [path[1]], t_ns)
         self._narrow, self.detour = narrow, list(path[1:-1])
+        self.reaches_ns = self.reaches_ns[len(self.detour):]
         return True
 
     def _yield_to(self, place: Array, t_ns: int) -> bool:
         now = self.simulator.at(t_ns)
-        flight = self._flight([Via(place, now.yaw_enu_rad, now.gimbal_elevation_rad)], self.limits, t_ns)
-        if self.avoidance.conflicts(flight, t_ns):
+        flight = self._flight(Via(place, now.yaw_enu_rad, now.gimbal_elevation_rad), self.limits, t_ns)
+        if self.avoidance.conflicts(flight, np.stack([now.state.position, place]), t_ns):
             return False
         self.detour = [self.position(t_ns), *self.detour]
-        self._launch(flight, t_ns)
+        self._launch(flight, [place], t_ns)
+        self.reaches_ns = []
         self._launches -= 1
         return True
 
-    def _launch(self, flight: Flight, t_ns: int) -> None:
+    def _launch(self, flight: Flight, points: list[Array], t_ns: int) -> None:
+        self._way = np.array([self.position(t_ns), *points])
         self.simulator.fly(flight, t_ns)
+        self.reaches_ns = [t_ns + round(float(s) * NS) for s in flight.reached_s]
+        self._passing = list(zip(self.reaches_ns[:-1], points[:-1], strict=True))
         self.braking, self._narrow = False, False
-        self._news = self._fresh = self._shortcut = True
+        self._news = self._fresh = self._fresh_rest = True
         self._launches += 1
         self.rules.on_behalf = None
         self._checked, self._check_ns = self.avoidance.version, t_ns
@@ -259,7 +273,7 @@ class Pilot:
 
     def _behalf(self, rank: Rank | None, path: list[Array]) -> None:
         before = self.rules.on_behalf
-        if rank is None or not path:
+        if rank is None or len(path) < 2:
             self.rules.on_behalf = None
         else:
             self.rules.ask_for(rank, path)
@@ -277,13 +291,14 @@ class Pilot:
         if self._no_way_since is None:
             self._no_way_since = t_ns
         if t_ns - self._no_way_since >= WAIT_FOR_MAP_NS:
-            return self._give_up(why)
+            return self._give_up(why, t_ns)
         self._retry_ns = t_ns + RETRY_NS
         return Outcome.WAITING
 
-    def _give_up(self, why: str) -> Outcome:
+    def _give_up(self, why: str, t_ns: int) -> Outcome:
         self.why_blocked = why
         self.arrived()
+        self._retry_ns = t_ns + RETRY_NS
         return Outcome.BLOCKED
 
     def _must_yield(self, t_ns: int) -> bool:
@@ -292,6 +307,10 @@ class Pilot:
         if self._fresh:
             self._fresh, self._checked = False, None
             self._check_ns = t_ns + LOOK_AHEAD_NS
-            conflicts = self.avoidance.conflicts(simulator.flight, t_ns, simulator.start_ns)
+            conflicts = self.avoidance.conflicts(simulator.flight, self._way, t_ns, simulator.start_ns)
             return any(self.avoidance.teammates.goes_before(c.vehicle_id, self.rules.rank) for c in conflicts)
         return bool(self.avoidance.conflicts_in_flight(simulator.flight, simulator.start_ns, t_ns))
+
+
+def _toward(via: Via, position: Array) -> Via:
+    return replace(via, position=position, settle_s=0.0, pass_m=0.0, speed_m_s=math.inf)

@@ -24,9 +24,12 @@ from missions.messages import RightOfWay
 from planning.deconflict import NEVER, distance_to_polyline_m, first_approach
 from planning.trajectories import Flight
 from vehicle.simulator import NS, vector
-from vehicle.teammates import EVER, LAST, STEP_NS, Rank, Teammates
+from vehicle.teammates import LAST, STEP_NS, Rank, Teammates
 
+EVER = 1 << 30
 SAME_PLACE_M = 1e-3
+RETREATS = 5
+"""Of the trail's last places so many are tried: where it leads to and fro, straight from here is shorter."""
 ASK_AFTER_NS, CROSS_NS = 4 * NS, 20 * NS
 """Most waits end by themselves. After the first a vehicle asks for its way, after the second nobody crosses it."""
 ASIDES = 3
@@ -45,17 +48,18 @@ class Trail:
 
     def note(self, passed: list[Array], rest_enu_m: Array) -> None:
         """A flight has ended: the corners that it passed, and where the vehicle rests now."""
-        if len(self._points) > 1 and _same(self._points[-2], rest_enu_m):
-            self._points.pop()
-            return
         for point in [*passed, rest_enu_m]:
-            if not self._points or not _same(self._points[-1], point):
+            back = next((n for n in range(1, min(RETREATS + 1, len(self._points)) + 1)
+                         if _same(self._points[-n], point)), None)
+            if back is None:
                 self._points.append(point)
+            else:
+                del self._points[len(self._points) - back + 1:]
 
     @property
-    def back(self) -> Array | None:
-        """(3,) the place before this one; None at the hover point."""
-        return self._points[-2] if len(self._points) > 1 else None
+    def back(self) -> list[Array]:
+        """The places before this one, the last first; none at the hover point."""
+        return self._points[-2:-2 - RETREATS:-1]
 
     def back_to(self, found: Callable[[Array], bool]) -> list[Array]:
         """Where to fly from here to be at the last place of this kind; empty when there was none."""
@@ -107,13 +111,13 @@ class RightOfWayRules:
         ways = self._teammates.before(self.rank)
         if not ways:
             return False
-        mine = np.concatenate([flight.curve.sample(STEP_NS / NS)[1], flight.curve.end[None]])
+        mine = flight.curve.sample(STEP_NS / NS)[1]
         for rank, way in ways:
             inside = distance_to_polyline_m(mine[[0, -1]], way) < self._apart_m
             if inside[1]:
                 return True
             if t_ns - rank.since_ns > CROSS_NS and not inside[0] \
-                    and first_approach(mine, _line(way), EVER, self._apart_m) != NEVER:
+                    and first_approach(mine, way, EVER, self._apart_m) != NEVER:
                 return True
         return False
 
@@ -136,10 +140,6 @@ class RightOfWayRules:
 
 def _request(path: list[Array], rank: Rank) -> RightOfWay:
     return RightOfWay(path_enu_m=[vector(p) for p in path], since_ns=rank.since_ns, vehicle_id=rank.vehicle_id)
-
-
-def _line(way: Array) -> Array:
-    return way if len(way) > 1 else np.concatenate([way, way])
 
 
 def _same(a: Array, b: Array) -> bool:

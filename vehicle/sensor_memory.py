@@ -14,6 +14,7 @@ from missions.messages import RangeScan, SiteBrief
 from missions.mission import Mission
 from missions.pads import geofence, takeoff_columns
 from missions.sensors import RANGE_DIRECTIONS
+from planning.deconflict import distance_to_polyline_m
 from planning.paths import MeshField, ObstacleField, VoxelField
 
 HIT_CELL_M = 0.25
@@ -119,14 +120,11 @@ class SensorMemory:
         part = VoxelGrid(grid.origin_enu_m + lo * grid.voxel_m, grid.voxel_m, state)
         return VoxelField.from_grid(part).with_spheres(near, HIT_RADIUS_M)
 
-    def hits_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> bool:
-        """Whether a segment keeps this distance from all that the sensor has hit and the map does not hold."""
-        if not len(self._new):
-            return True
-        span = b_enu_m - a_enu_m
-        f = np.clip((self._new - a_enu_m) @ span / max(float(span @ span), 1e-12), 0.0, 1.0)
-        gap = np.linalg.norm(a_enu_m + f[:, None] * span - self._new, axis=1)
-        return bool(gap.min() >= clearance_m)
+    def hits_clear(self, way_enu_m: Array, clearance_m: float) -> bool:
+        """Whether a polyline (k, 3) keeps this distance from all that the sensor has hit and the map does not hold."""
+        lower, upper = way_enu_m.min(axis=0) - clearance_m, way_enu_m.max(axis=0) + clearance_m
+        near = self._new[np.all((self._new >= lower) & (self._new <= upper), axis=1)]
+        return not len(near) or bool(distance_to_polyline_m(near, way_enu_m).min() >= clearance_m)
 
     def _remember(self, hits: Array, t_ns: int) -> None:
         """Keep one point per cell, in the order of the cells' numbers."""

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from missions.clock import vehicle_name
 from missions.frames import Array
 from missions.messages import AnnouncedTrajectory, RightOfWay, VehicleState
-from planning.deconflict import NEVER, first_approach
+from planning.deconflict import NEVER, meeting
 from planning.trajectories import Flight
 from vehicle.simulator import NS, vector
 
 STEP_NS = 200_000_000
-EVER = 1 << 30
+NO_WAY = np.zeros((0, 3))
 
 
 class Rank(NamedTuple):
@@ -67,6 +67,16 @@ class Teammate:
         knot = np.minimum(along.astype(np.int64), len(self.points) - 1)
         ahead = np.minimum(knot + 1, len(self.points) - 1)
         return np.asarray(self.points[knot] + (along - knot)[:, None] * (self.points[ahead] - self.points[knot]))
+
+    def ahead(self, now_ns: int) -> Array:
+        """(n, 3) where it will be from now on in steps of STEP_NS; it stays at the last one."""
+        steps = max(0, -(-(self.end_ns() - now_ns) // STEP_NS))
+        return np.ascontiguousarray(self.positions_at(now_ns + np.arange(steps + 1, dtype=np.int64) * STEP_NS))
+
+    @property
+    def stopping_s(self) -> float:
+        """By how much it is late at a place at which it stops, at most."""
+        return self.announced.stopping_s if self.announced is not None else 0.0
 
     @property
     def end(self) -> Array:
@@ -141,20 +151,19 @@ class Teammates:
         return (other, vehicle_id) < (rank, self.own_id)
 
     def conflicts(self, flight: Flight, start_ns: int, now_ns: int, separation_m: float,
-                  slack_s: float = 0.0, ends: bool = False) -> list[Conflict]:
+                  reaction_s: float | None = None, way_enu_m: Array | None = None) -> list[Conflict]:
         """With whom this flight, and resting at its end, comes nearer than separation_m from now on.
 
-        slack_s: even when either is that late. ends: not even before the other one rests there may the flight pass its
-        end, so that there is always a way back while it rests.
+        reaction_s: even when either stops, and the other one begins to stop so much later. way_enu_m: (k, 3) the way
+        back of this flight: not even before others rest may it pass where they will rest.
         """
-        found = []
-        window = math.ceil(slack_s * NS / STEP_NS)
-        reach = flight.curve.sample(STEP_NS / NS, max(0.0, (now_ns - start_ns) / NS))[1]
-        for mate in self._near(reach.min(axis=0) - separation_m, reach.max(axis=0) + separation_m):
-            horizon_ns = max(start_ns + round(flight.duration_s * NS), mate.end_ns(), now_ns)
-            t = now_ns + np.arange((horizon_ns - now_ns) // STEP_NS + 2, dtype=np.int64) * STEP_NS
-            mine = flight.curve.at((t - start_ns) / NS)[0]
-            at, rests = _meeting(mine, mate.positions_at(t), window, separation_m, ends)
+        own_stop_s, found = stopping_s(flight), []
+        mine = flight.curve.sample(STEP_NS / NS, max(0.0, (now_ns - start_ns) / NS))[1]
+        way = NO_WAY if way_enu_m is None else way_enu_m
+        for mate in self._near(mine.min(axis=0) - separation_m, mine.max(axis=0) + separation_m):
+            theirs = mate.ahead(now_ns)
+            slack_s = 0.0 if reaction_s is None else max(own_stop_s, mate.stopping_s) + reaction_s
+            at, rests = meeting(mine, theirs, math.ceil(slack_s * NS / STEP_NS), separation_m, way)
             if at != NEVER:
                 found.append(Conflict(mate.vehicle_id, at * STEP_NS / NS, rests))
         return found
@@ -172,17 +181,6 @@ class Teammates:
         return [self.members[i] for i in sorted(self.members) if self.members[i].known]
 
 
-def _meeting(mine: Array, theirs: Array, window: int, separation_m: float, ends: bool) -> tuple[int, bool]:
-    """(chord of mine at which they are too near, or NEVER; whether theirs rests in the way of mine)."""
-    gap = float(np.linalg.norm(mine[0] - theirs[0]))
-    limit = separation_m if gap >= separation_m else gap - 1e-6  # moving apart is no conflict
-    end = np.stack([theirs[-1], theirs[-1]])
-    apart = float(np.linalg.norm(mine[0] - end[0]))
-    at = first_approach(mine, theirs, window, limit)
-    at_end = first_approach(mine, end, EVER, min(separation_m, apart - 1e-6))
-    return (at_end if ends and at == NEVER else at), at_end != NEVER
-
-
 def announce(vehicle_id: int, flight: Flight, start_ns: int, now_ns: int,
              wants: RightOfWay | None) -> AnnouncedTrajectory:
     """The rest of a flight as teammates and referee get it."""
@@ -190,8 +188,18 @@ def announce(vehicle_id: int, flight: Flight, start_ns: int, now_ns: int,
     steps = max(0, math.ceil((flight.duration_s - elapsed_s) * NS / STEP_NS))
     times = elapsed_s + np.arange(steps + 1, dtype=np.float64) * (STEP_NS / NS)
     positions = flight.curve.at(times)[0]
-    return AnnouncedTrajectory(vehicle_id=vehicle_id, t_start_ns=now_ns, step_ns=STEP_NS,
+    return AnnouncedTrajectory(vehicle_id=vehicle_id, t_start_ns=now_ns, step_ns=STEP_NS, stopping_s=stopping_s(flight),
                                positions_enu_m=[vector(p) for p in positions], wants=wants)
+
+
+def stopping_s(flight: Flight) -> float:
+    """How far ahead of the flight the place lies at which it can rest: through the longest blend, then braking. At a
+    steady speed v braking takes a way of v / 2 (v / a + a / j), which the flight would pass in half of that time."""
+    if flight.limits is None:
+        return 0.0
+    speed, acceleration, jerk = flight.limits.motion
+    blends = flight.straights_s[1:, 0] - flight.straights_s[:-1, 1]
+    return 0.5 * (speed / acceleration + acceleration / jerk) + float(blends.max(initial=0.0))
 
 
 def _stacked(positions: list[Array]) -> Array:

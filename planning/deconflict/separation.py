@@ -15,27 +15,46 @@ NEVER = -1
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def first_approach(a: Array, b: Array, window: int, separation_m: float) -> int:
     """The first chord of polyline a (n, 3) that comes nearer than separation_m to a chord of b (m, 3) that is at most
-    `window` chords earlier or later; NEVER when none does.
+    `window` chords earlier or later; NEVER when none does. Chord n - 1 is the rest at the end, which lasts for ever.
 
     Samples of a and b are taken at the same instants. With a window, a and b stay apart even when one of them is late
     by that much: each may stop at any time and the other has time to stop as well.
     """
     limit2 = separation_m * separation_m
-    last = b.shape[0] - 2
-    for i in range(a.shape[0] - 1):
-        j = max(0, i - window)
-        while j <= min(last, i + window):
-            away = math.sqrt((a[i, 0] - b[j, 0])**2 + (a[i, 1] - b[j, 1])**2 + (a[i, 2] - b[j, 2])**2)
-            reach = _length(a, i) + _length(b, j) + separation_m
-            if away < reach and _chords_apart2(a[i], a[i + 1], b[j], b[j + 1]) < limit2:
+    last_a, last_b = a.shape[0] - 1, b.shape[0] - 1
+    for i in range(last_a + 1):
+        i1 = min(i + 1, last_a)
+        length = _apart(a[i], a[i1])
+        until = last_b if i == last_a else min(last_b, i + window)
+        for j in range(min(max(0, i - window), last_b), until + 1):
+            j1 = min(j + 1, last_b)
+            reach = length + _apart(b[j], b[j1]) + separation_m
+            if _apart(a[i], b[j]) < reach and _chords_apart2(a[i], a[i1], b[j], b[j1]) < limit2:
                 return i
-            j += 1
     return NEVER
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _length(a: Array, i: int) -> float:
-    return math.sqrt((a[i + 1, 0] - a[i, 0])**2 + (a[i + 1, 1] - a[i, 1])**2 + (a[i + 1, 2] - a[i, 2])**2)
+def meeting(mine: Array, theirs: Array, window: int, separation_m: float, way: Array) -> tuple[int, bool]:
+    """(chord of mine (n, 3) at which it comes too near to theirs (m, 3) or NEVER, whether theirs ends in the way of
+    mine). A way (k, 3) may not pass where theirs ends either, whenever that is; (0, 3) for none.
+
+    Who is too near at the beginning may only move apart.
+    """
+    gap = _apart(mine[0], theirs[0])
+    end = theirs[-1:]
+    to_end = _apart(mine[0], end[0])
+    at = first_approach(mine, theirs, window, separation_m if gap >= separation_m else gap - 1e-6)
+    limit = separation_m if to_end >= separation_m else to_end - 1e-6
+    rests = first_approach(mine if way.shape[0] == 0 else way, end, 0, limit) != NEVER
+    if at == NEVER and way.shape[0] > 0 and rests:
+        at = 0
+    return at, rests
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _apart(p: Array, q: Array) -> float:
+    return math.sqrt((p[0] - q[0])**2 + (p[1] - q[1])**2 + (p[2] - q[2])**2)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
