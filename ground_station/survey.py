@@ -155,9 +155,14 @@ class Survey:
         """The chunk made last is not sent."""
         self._queue(vehicle_id)[:0] = self._active.pop(vehicle_id, [])
 
-    def plan_refused(self, vehicle_id: int, reason: str) -> None:
-        """The vehicle refused a chunk: half as many views next time; a single refused view counts as blocked."""
+    def plan_refused(self, vehicle_id: int, reason: str, culprit: int | None = None) -> None:
+        """The vehicle refused a chunk. The view that it refused, where it said which, counts as blocked and the others
+        are sent again; else half as many views next time, and a single one counts as blocked."""
         chunk = self._active.pop(vehicle_id, [])
+        if culprit in chunk:
+            self.ledger.blocked(culprit, reason)
+            self._queue(vehicle_id)[:0] = [v for v in chunk if v != culprit]
+            return
         if len(chunk) <= 1:
             for view_id in chunk:
                 self.ledger.blocked(view_id, reason)

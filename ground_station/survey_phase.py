@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections.abc import Callable
 
@@ -32,6 +33,7 @@ class SurveyPhase:
         """explorer: what exploration knows; None when there was none."""
         self._control, self._fleet, self._recorder = control, control.fleet, control.recorder
         self._handed_over: set[int] = set()
+        self._sent: dict[int, list[Waypoint]] = {}
         self._traffic = Traffic(control.mission)
         if explorer is not None:
             explorer.refresh()
@@ -84,7 +86,7 @@ class SurveyPhase:
             survey.not_flown(report.view_id, k, report.outcome, report.detail)
         drone.reports.clear()
         if drone.refused:
-            survey.plan_refused(k, drone.refused)
+            survey.plan_refused(k, drone.refused, refused_view(drone.refused, self._sent.get(k, [])))
             drone.refused = ""
         elif drone.stage is Stage.READY:
             survey.plan_over(k)
@@ -138,6 +140,7 @@ class SurveyPhase:
             self._control.note(f"vehicle {k} waits {hold_s:.1f} s before its next views")
             waypoints = [holding(state, hold_s), *waypoints]
         self._traffic.flies(state, waypoints, self._t_s)
+        self._sent[k] = waypoints
         return waypoints
 
     def _go_home(self, drone: Drone) -> None:
@@ -156,3 +159,10 @@ class SurveyPhase:
         place = drone.position_enu_m if drone.airborne else drone.hover_enu_m
         usable = self._control.usable_percent(drone, exploring=False) if drone.available else 0.0
         return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, drone.swaps_left)
+
+
+def refused_view(reason: str, waypoints: list[Waypoint]) -> int | None:
+    """The view at the waypoint that a vehicle's refusal names; None when it names none, or one without a view."""
+    found = re.search(r"waypoint (\d+)", reason)
+    n = int(found[1]) if found else len(waypoints)
+    return waypoints[n].view_id if n < len(waypoints) else None

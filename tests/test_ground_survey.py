@@ -18,6 +18,7 @@ from ground_station.leg_costs import LegCosts
 from ground_station.legs import Shooting
 from ground_station.minmax_tours import MinmaxTours
 from ground_station.survey import CHUNK_VIEWS, Survey
+from ground_station.survey_phase import refused_view
 from ground_station.thesis_tours import ThesisTours
 from ground_station.tours import Flyer
 from missions.camera import Pose, View
@@ -232,6 +233,22 @@ def test_a_refused_chunk_is_halved_until_the_bad_view_stands_alone() -> None:
     survey.redistribute([me], 1.0)
     assert {k for k, v in survey.ledger.outcomes().items() if v != FLOWN} == {str(bad)}
     assert survey.ledger.outcomes()[str(bad)] == UNREACHABLE
+
+
+def test_the_view_that_a_refusal_names_is_left_out_and_the_others_are_sent_again() -> None:
+    survey, me = survey_of(views(16)), flyer(1)
+    survey.begin([me], 0.0)
+    sent = survey.next_waypoints(me, AIR, [])
+    n = next(i for i, w in enumerate(sent) if i > 5 and w.view_id is not None)
+    reason = f"plan refused: clearance: waypoint {n} is nearer than 1.0 m to what is not known to be free"
+    culprit = refused_view(reason, sent)
+    assert culprit == sent[n].view_id
+    assert refused_view("plan refused: energy", sent) is None
+    survey.plan_refused(1, reason, culprit)
+    again = [w.view_id for w in survey.next_waypoints(me, AIR, []) if w.view_id is not None]
+    assert again == [w.view_id for w in sent if w.view_id not in (None, culprit)]
+    survey.redistribute([me], 1.0)
+    assert survey.ledger.details() == {str(culprit): reason}
 
 
 def test_views_in_solid_space_are_never_in_a_plan() -> None:
