@@ -16,7 +16,7 @@ from planning.trajectories.energy import energy_of
 
 EXPLORE_ENERGY_SHARE = 0.5
 """Share of the usable battery that exploration may take when a survey follows."""
-HANDLING_S = 0.3
+HANDLING_S = 0.25
 """From sending a plan to the start of its flight, and from the end of its flight to the last picture."""
 DETOUR = 1.3
 """Ways home are taken to be this much longer than a straight line."""
