@@ -40,7 +40,7 @@ from planning.trajectories import Flight, Limits, State, Via, fly_route, fly_run
 GROWTH = (50, 100, 200, 400, 800)
 BOX_M, ROOM_M = (16.0, 10.0, 12.0), (40.0, 34.0, 24.0)
 EFFORT = Effort(iterations=20_000)
-RUN_VIAS, REPEATS = 20, 5
+RUN_VIAS, REPEATS = 20, 30
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ EXACT_M = 0.02
 """MAVLink rounds positions to about 1 cm, so a waypoint that is passed this near counts as passed exactly."""
 SAME_M = 1e-7
 TIGHTER = 3
-"""A blend that is not free is halved until it is, so often; then the vehicle stops there."""
+"""A blend that is not free is halved until it is, so often at most; else the vehicle stops there."""
 Clear = Callable[[Array], bool]
 
 
@@ -66,7 +66,7 @@ class Course:
         self._along, self._direction = _measured(self._points, self._corners)
         self._nodes = set(self._corners)
         self._bend, self._highest, self._least_s = np.zeros(n), np.zeros(n), np.zeros(n - 1)
-        self._failures = np.zeros(n, dtype=int)
+        self._tight: set[int] = set()
         for i, via in enumerate(vias[:-1], 1):
             self._highest[i] = 0.0 if via.stop else min(limits.speed_m_s, via.speed_m_s)
         for a, b in pairwise(self._corners):
@@ -100,14 +100,24 @@ class Course:
         return len(late) > 0
 
     def tighten(self, motion: Motion, clear: Clear) -> bool:
-        """Fly the blends that are not free more tightly, at last not at all; whether there are any."""
+        """Fly the blends that are not free more tightly, or not at all; whether there are any."""
         blocked = [(i, v) for i, v, curve in motion.blends if not clear(outline(curve, self._limits))]
         for i, speed in blocked:
-            self._failures[i] += 1
-            half = 0.5 * profile.deviation_m(speed * self._bend[i], *self._rates)
-            tighter = profile.lateral_speed_m_s(half, *self._rates) / self._bend[i]
-            self._highest[i] = tighter if self._failures[i] <= TIGHTER else 0.0
+            self._highest[i] = 0.0 if i in self._tight else self._clear_speed(i, speed, clear)
+            self._tight.add(i)
         return len(blocked) > 0
+
+    def _clear_speed(self, i: int, speed: float, clear: Clear) -> float:
+        """Of the widest free blend, each passing the corner half as far away as the one before; 0 where none is."""
+        deviation = profile.deviation_m(speed * self._bend[i], *self._rates)
+        for halved in range(1, TIGHTER + 1):
+            tighter = float(profile.lateral_speed_m_s(deviation / 2.0**halved, *self._rates) / self._bend[i])
+            if clear(outline(self._blend(i, tighter), self._limits)):
+                return tighter
+        return 0.0
+
+    def _blend(self, i: int, speed: float) -> Curve:
+        return blend(self._points[i], self._direction[i], self._direction[i + 1], speed, self._limits)
 
     def _corner_speed(self, i: int, room_m: float) -> float:
         via, bend = self._vias[i - 1], self._bend[i]
@@ -148,8 +158,7 @@ class Course:
             if b in self._corners:
                 straights.append((begun, now))
             if half > 0.0:
-                corner = blend(self._points[b], self._direction[b], self._direction[b + 1], float(speeds[n + 1]),
-                               self._limits)
+                corner = self._blend(b, float(speeds[n + 1]))
                 parts.append(corner)
                 blends.append((b, float(speeds[n + 1]), corner))
                 now += corner.duration_s
