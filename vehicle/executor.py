@@ -171,7 +171,7 @@ class Executor:
             return
         vias = self.progress.run()
         if not self.pilot.waiting:
-            self.way_home.note(self.pilot.position(t_ns), self.pilot.avoidance.clear)
+            self._note_place(t_ns)
             if not self._energy_for(vias, t_ns):
                 self.go_home(t_ns, "energy")
                 return
@@ -238,6 +238,10 @@ class Executor:
         if request is not None:
             self.outbox.shutters.append(request)
         self.outbox.reached.extend(items)
+        self._note_place(t_ns)
+
+    def _note_place(self, t_ns: int) -> None:
+        self.way_home.note(self.pilot.position(t_ns), self.pilot.avoidance.clear)
 
     def _finish(self, t_ns: int) -> None:
         if self.return_when_done or self.progress.home_after:

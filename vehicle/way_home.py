@@ -12,8 +12,8 @@ from planning.trajectories.energy import Energy
 
 DETOUR = 1.3
 """Ways home are reckoned at least this much longer than straight, and flown as slowly as detours are."""
-NEXT_RESTS = 8
-"""Over so many of the places on the shortest ways a free way home is looked for."""
+NEXT_PLACES = 8
+"""Over so many of the places with the shortest ways a free way home is looked for."""
 SAME_PLACE_M = 0.5
 WAIT_S = 15.0
 """For each teammate that may come home first through the same gap."""
@@ -30,24 +30,24 @@ class WayHome:
         length = np.asarray(np.linalg.norm(down))
         self._landing = float(energy.leg_percent(down, length, leg_time_s(length, vertical)))
         self._waiting = energy.rest_percent(WAIT_S * teammates)
-        self._rests, self._way_m = [hover_enu_m], [0.0]
+        self._places, self._way_m = [hover_enu_m], [0.0]
         self._around_m = 0.0
 
-    def note(self, rest_enu_m: Array, clear: Callable[[Array, Array], bool]) -> None:
-        """The vehicle rests here (3,), where its last leg ended. `clear` says whether it could fly straight from one
-        place to another: so the shortest way home that is known to be free leads over places where it rested."""
-        gaps = np.linalg.norm(np.array(self._rests) - rest_enu_m, axis=1)
+    def note(self, place_enu_m: Array, clear: Callable[[Array, Array], bool]) -> None:
+        """The vehicle has come here (3,) straight from the place before. `clear` says whether it could fly straight
+        from one place to another: so the shortest way home that is known to be free leads over places where it was."""
+        gaps = np.linalg.norm(np.array(self._places) - place_enu_m, axis=1)
         if gaps[-1] < SAME_PLACE_M:
             return
         ways = gaps + self._way_m
-        nearest = np.argsort(ways, kind="stable")[:NEXT_RESTS]
-        way_m = float(ways[next((n for n in nearest if clear(rest_enu_m, self._rests[n])), -1)])
-        self._rests.append(rest_enu_m)
+        nearest = np.argsort(ways, kind="stable")[:NEXT_PLACES]
+        way_m = float(ways[next((n for n in nearest if clear(place_enu_m, self._places[n])), -1)])
+        self._places.append(place_enu_m)
         self._way_m.append(way_m)
         self._around_m = way_m - float(gaps[0])
 
     def percent(self, position_enu_m: Array) -> Array:
-        """With a detour, at least as far around as from the last rest, and waits for all teammates."""
+        """With a detour, at least as far around as from the last place noted, and waits for all teammates."""
         away = self._hover - position_enu_m
         straight = np.linalg.norm(away, axis=-1)
         length = np.maximum(DETOUR * straight, straight + self._around_m)
