@@ -83,11 +83,11 @@ def test_a_place_that_became_narrow_is_left_without_coming_nearer(depth: float) 
     assert np.linalg.norm(wide - start) <= 4.0 + 1e-9
 
 
-@pytest.mark.parametrize(("seed", "start"), [(2, (2.53, -4.53, 7.32)), (9, (1.4, 6.23, 10.05))])
+@pytest.mark.parametrize(("seed", "start"), [(2, (-11.62, 0.17, 3.0)), (9, (-14.99, 5.8, 5.71))])
 def test_a_narrow_place_is_left_by_a_way_that_leads_on_not_into_the_nearest_pocket(
         seed: int, start: tuple[float, float, float]) -> None:
     grid = VoxelGrid.unknown(*geofence(MISSION, SITE), 0.5)
-    grid.state[np.random.default_rng(seed).random(grid.state.shape) >= 0.006] = FREE
+    grid.state[np.random.default_rng(seed).random(grid.state.shape) >= 0.01] = FREE
     space, here, goal = Airspace.of(grid, MISSION, SITE), np.array(start), np.array(hover_points(MISSION, SITE)[0])
     goals = goal + np.stack(np.meshgrid([-2, 0, 2], [-2, 0, 2], [0, 2, 4]), axis=-1).reshape(-1, 3)
     goal = goals[space.clear_at(goals)][0]
