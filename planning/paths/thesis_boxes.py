@@ -105,5 +105,6 @@ def halves(triangles: Array) -> Array:
 
 
 def _overlapping(triangles: Array, box: Box) -> NDArray[np.bool_]:
-    lower, upper = triangles.min(axis=1) - EDGE, triangles.max(axis=1) + EDGE
-    return np.asarray(np.all((lower <= box.upper) & (upper >= box.lower), axis=1))
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    return np.asarray(np.all((lower <= box.upper + EDGE) & (upper >= box.lower - EDGE), axis=1))
