@@ -33,10 +33,19 @@ SORTIE = np.dtype([("owner", "i4"), ("kind", "i4"), ("size", "i4"), ("used", "f8
 """owner: the vehicle; its sorties follow each other. size: views in it. used, budget: energy in percent."""
 
 NEVER = math.inf
-STRINGS_MEAN = 10.0
-STRING_MOST = 10.0
-SPLIT_SHARE = 0.5
-SPLIT_STOP = 0.01
+TAKEN_MEAN, STRING_MOST = 10.0, 10.0
+SPLIT_SHARE, SPLIT_STOP = 0.5, 0.01
+BLINK = math.log(1.0 - 0.01)
+"""These, and how views are ordered for their return, are the paper's."""
+LAST_SHARE = 0.5
+"""Ruins that begin with the vehicle that is home last."""
+LATE = 50.0
+"""What a second later than the goal costs, in seconds, when a place is chosen."""
+SUM_SHARE = 0.001
+"""What a second of any vehicle costs, in seconds of makespan."""
+LOWER_SHARE, LOWER_MOST = 1.0 / 16.0, 0.1
+"""The goal is the best makespan; in some recreations up to this share less, or they would put views back where a slow
+vehicle would relieve a fast one at a price."""
 TRIED_AGAIN = 10
 """At most this many of the views that nobody flies are tried in one recreation."""
 
@@ -100,17 +109,17 @@ def put_in(time: Costs, energy: Costs, nodes: Records, sorties: Records, finish:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _places(near: Ints, nodes: Records, sorties: Records, random: NDArray[np.uint64], free: bool, blink: float,
+def _places(near: Ints, nodes: Records, sorties: Records, random: NDArray[np.uint64], free: bool,
             view: int, tick: int, places: Ints) -> int:
     """Nodes that a view may be put behind: beside its nearest views, and at both ends of every sortie."""
     count = 0
-    skip = int(math.log(1.0 - _uniform(random)) / blink)
+    skip = int(math.log(1.0 - _uniform(random)) / BLINK)
     for i in range(near.shape[1]):
         other = near[view, i]
         if nodes[other].sortie < 0:
             continue
         if skip == 0:
-            skip = int(math.log(1.0 - _uniform(random)) / blink)
+            skip = int(math.log(1.0 - _uniform(random)) / BLINK)
             continue
         skip -= 1
         p = nodes[other].before
@@ -143,11 +152,10 @@ def _places(near: Ints, nodes: Records, sorties: Records, random: NDArray[np.uin
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _best_place(time: Costs, energy: Costs, allowed: NDArray[np.bool_], nodes: Records, sorties: Records, finish: Array,
-                weights: Array, view: int, goal: float, places: Ints, count: int) -> int:
+                change: float, view: int, goal: float, places: Ints, count: int) -> int:
     """The node to fly a view behind; -1 when there is none."""
     least, best = NEVER, -1
     wanted = nodes[view].wanted
-    late, change = weights[1], weights[2]
     for i in range(count):
         p = np.uint64(places[i])  # unsigned: what might be a negative index costs a check, and most time goes here
         s = np.uint64(nodes[p].sortie)
@@ -157,7 +165,7 @@ def _best_place(time: Costs, energy: Costs, allowed: NDArray[np.bool_], nodes: R
         price = time[k, p, view] + time[k, view, q] - nodes[p].leg
         over = finish[vehicle] + price - goal
         if over > 0.0:
-            price += late * over
+            price += LATE * over
         if wanted >= 0 and wanted != vehicle:
             price += change
         if price >= least:
@@ -203,11 +211,11 @@ def _cut_string(time: Costs, energy: Costs, nodes: Records, sorties: Records, fi
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _seed_view(nodes: Records, sorties: Records, finish: Array, random: NDArray[np.uint64], last_share: float) -> int:
+def _seed_view(nodes: Records, sorties: Records, finish: Array, random: NDArray[np.uint64]) -> int:
     """A view at whose place the ruin begins: in half of the cases one of the vehicle that is home last."""
     n = len(nodes) - len(sorties)
     view = _below(random, n)
-    if _uniform(random) < last_share:
+    if _uniform(random) < LAST_SHARE:
         last = np.argmax(finish)
         for _ in range(8 * len(finish)):
             if nodes[view].sortie >= 0 and sorties[nodes[view].sortie].owner == last:
@@ -218,15 +226,15 @@ def _seed_view(nodes: Records, sorties: Records, finish: Array, random: NDArray[
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _ruin(time: Costs, energy: Costs, near: Ints, nodes: Records, sorties: Records, finish: Array,
-          random: NDArray[np.uint64], weights: Array, log: Ints, ruined: NDArray[np.bool_]) -> int:
+          random: NDArray[np.uint64], log: Ints, ruined: NDArray[np.bool_]) -> int:
     """Takes strings of views out of neighbouring sorties; writes (view, node before it) to `log`; how many."""
     flown, flying = 0, 0
     for s in range(len(sorties)):
         flown += sorties[s].size
         flying += sorties[s].size > 0
-    longest = min(weights[6], max(1.0, flown / max(1, flying)))
-    strings = 1 + _below(random, 4.0 * weights[5] / (1.0 + longest) - 1.0)
-    seed = _seed_view(nodes, sorties, finish, random, weights[4])
+    longest = min(STRING_MOST, max(1.0, flown / max(1, flying)))
+    strings = 1 + _below(random, 4.0 * TAKEN_MEAN / (1.0 + longest) - 1.0)
+    seed = _seed_view(nodes, sorties, finish, random)
     ruined[:] = False
     count = 0
     for i in range(-1, near.shape[1]):
@@ -258,13 +266,13 @@ def _order(remote: Array, random: NDArray[np.uint64], pool: Ints, keys: Array, c
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _cost(nodes: Records, sorties: Records, finish: Array, weights: Array, waiting: int) -> float:
+def _cost(nodes: Records, sorties: Records, finish: Array, prices: Array, waiting: int) -> float:
     moved = 0
-    if weights[2] > 0.0:
+    if prices[0] > 0.0:
         for view in range(len(nodes) - len(sorties)):
             wanted, s = nodes[view].wanted, nodes[view].sortie
             moved += wanted >= 0 and s >= 0 and sorties[s].owner != wanted
-    return float(finish.max() + weights[0] * finish.sum() + weights[2] * moved + weights[7] * waiting)
+    return float(finish.max() + SUM_SHARE * finish.sum() + prices[0] * moved + prices[1] * waiting)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
@@ -303,20 +311,20 @@ def _draw_pool(random: NDArray[np.uint64], log: Ints, removed: int, waiting: Int
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def anneal(time: Costs, energy: Costs, near: Ints, allowed: NDArray[np.bool_], remote: Array, weights: Array,
+def anneal(time: Costs, energy: Costs, near: Ints, allowed: NDArray[np.bool_], remote: Array, prices: Array,
            free: bool, nodes: Records, sorties: Records, finish: Array, best: Records, cost: Array,
            random: NDArray[np.uint64], iterations: int, hot: float, cold: float) -> None:
     """Ruin and recreate while the temperature falls from hot to cold.
 
     time: (k, n + r, n + r) from node to node; energy likewise, or (0, 1, 1) when it does not limit. near: (n, w).
-    allowed: (m, n). remote: (n,). nodes: (n + r,), sorties: (r,), finish: (m,) the tours now, changed in place;
-    best: (n + r,) the nodes of the best. cost: (3,) of the tours now and the best, and the makespan of the best.
+    allowed: (m, n). remote: (n,). prices: (2,) of a view that changes hands, and of one that nobody flies.
+    nodes: (n + r,), sorties: (r,), finish: (m,) the tours now, changed in place; best: (n + r,) the nodes of the best.
+    cost: (3,) of the tours now and of the best, and the makespan of the best.
     """
     n, r = len(nodes) - len(sorties), len(sorties)
     log, ruined = np.empty((n + 1, 2), dtype=np.int32), np.zeros(r, dtype=np.bool_)
     pool, keys, waiting = np.empty(n + 1, dtype=np.int32), np.empty(n + 1), np.empty(2 * n, dtype=np.int32)
     places = np.empty(2 * near.shape[1] + 2 * r, dtype=np.int32)
-    blink = math.log(1.0 - weights[3])
     tick = nodes["tick"].max()
     for view in range(n):
         waiting[view] = view
@@ -328,20 +336,22 @@ def anneal(time: Costs, energy: Costs, near: Ints, allowed: NDArray[np.bool_], r
         saved_finish[:] = finish
         removed, tried = 0, n
         if iteration >= 0:
-            removed = _ruin(time, energy, near, nodes, sorties, finish, random, weights, log, ruined)
+            removed = _ruin(time, energy, near, nodes, sorties, finish, random, log, ruined)
             tried = TRIED_AGAIN
         count = _draw_pool(random, log, removed, waiting, left, tried, pool)
         _order(remote, random, pool, keys, count)
-        goal = cost[2] * (1.0 - weights[11] * _uniform(random))
+        goal = cost[2]
+        if _uniform(random) < LOWER_SHARE:
+            goal *= 1.0 - LOWER_MOST * _uniform(random)
         back = 0
         for i in range(count):
             tick += 1
-            found = _places(near, nodes, sorties, random, free, blink, pool[i], tick, places)
-            p = _best_place(time, energy, allowed, nodes, sorties, finish, weights, pool[i], goal, places, found)
+            found = _places(near, nodes, sorties, random, free, pool[i], tick, places)
+            p = _best_place(time, energy, allowed, nodes, sorties, finish, prices[0], pool[i], goal, places, found)
             if p >= 0:
                 put_in(time, energy, nodes, sorties, finish, free, pool[i], p)
                 back += 1
-        new = _cost(nodes, sorties, finish, weights, left + removed - back)
+        new = _cost(nodes, sorties, finish, prices, left + removed - back)
         threshold = cost[0] - hot * math.log(1.0 - _uniform(random))
         hot *= cooling
         if iteration >= 0 and new >= threshold:

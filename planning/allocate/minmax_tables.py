@@ -13,8 +13,8 @@ from planning.allocate.problem import Problem, Sorties, Ways
 
 NEAR = 40
 """Places beside this many nearest views are tried for each view."""
-WEIGHTS = {"sum": 0.001, "late": 50.0, "change": 0.0, "blink": 0.01, "last": 0.5, "mean": 10.0, "string": 10.0,
-           "absent": 1e6, "far": 1.0, "split": 0.01, "sort": 7.0, "goal": 0.05}
+NOBODY = 1e3
+"""What a view that nobody flies costs, in longest legs: more than any detour."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Tables:
     near: Ints
     allowed: NDArray[np.bool_]
     remote: Array
-    weights: Array
+    prices: Array
     free: bool
     nodes: Records
     """The first state."""
@@ -71,10 +71,11 @@ def tables_of(problem: Problem, warm: Warm | None = None) -> Tables:
     if problem.forbidden is not None:
         allowed = ~np.asarray(problem.forbidden, dtype=np.bool_)
     time = _expanded(problem, problem.seconds, owner, number, problem.swap_s)
-    weights = WEIGHTS | ({} if warm is None else {"change": warm.change_s})
+    longest = float(time[np.isfinite(time)].max())
+    prices = np.array([0.0 if warm is None else warm.change_s, NOBODY * max(longest, 1e-9)])
     nodes, sorties, finish = _empty(problem, time, energy, owner, number)
-    tables = Tables(time, energy, _nearest(problem), allowed, _remoteness(problem), np.array(list(weights.values())),
-                    problem.free, nodes, sorties, finish)
+    tables = Tables(time, energy, _nearest(problem), allowed, _remoteness(problem), prices, problem.free,
+                    nodes, sorties, finish)
     if warm is not None:
         _begin_with(tables, warm)
     return tables
@@ -152,8 +153,8 @@ def _fits(tables: Tables, view: int, last: int) -> bool:
 
 
 def _sortie_limits(problem: Problem) -> NDArray[np.int64]:
-    """A vehicle that cannot even get home gets no fresh battery there."""
-    limits = problem.sortie_limits
+    """No more sorties than views; and a vehicle that cannot even get home gets no fresh battery there."""
+    limits = np.minimum(problem.sortie_limits, problem.views + 1)
     if problem.energy is not None and problem.energy.start_to_home is not None:
         stranded = problem.energy.start_to_home > np.asarray(problem.available_percent)
         limits = np.where(stranded, 1, limits)

@@ -8,8 +8,8 @@ from planning.allocate.minmax import Effort, solve
 from planning.allocate.minmax_tables import Warm
 from planning.allocate.problem import Allocation, Problem, Sorties, appraise
 
-IN_FLIGHT = Effort(iterations=16_000, chains=4)
-CHANGE_SHARE = 2e-4
+IN_FLIGHT = Effort(iterations=24_000, chains=4)
+CHANGE_SHARE = 1e-3
 """Taking a view from one vehicle to another must save this share of the makespan."""
 
 
