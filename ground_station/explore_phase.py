@@ -64,13 +64,21 @@ class ExplorePhase:
             if drone.vehicle_id not in self._column_flown:
                 self._column_flown.add(drone.vehicle_id)
                 self._fly_leg(drone, self.explorer.column(drone.vehicle_id))
-            elif self._decisions >= self._mission.explore.max_views or self._usable_percent(drone) <= 0.0:
+            elif self._decisions >= self._mission.explore.max_views:
                 self._done_exploring.add(drone.vehicle_id)
+            elif self._usable_percent(drone) <= 0.0:
+                self._rest(drone)
         asking = [d for d in ready if d.stage is Stage.READY and d.vehicle_id not in self._done_exploring]
         if any(d.vehicle_id not in self._asked for d in asking):
             self._decide(asking)
         if not self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
             self._done_exploring.update(d.vehicle_id for d in asking)
+
+    def _rest(self, drone: Drone) -> None:
+        """Its share of the energy is used: it waits for the others on its pad, for hovering costs as much as flying."""
+        self._done_exploring.add(drone.vehicle_id)
+        self._control.note(f"vehicle {drone.vehicle_id} has explored as long as its battery allows")
+        self._fleet.home(drone)
 
     def _decide(self, asking: list[Drone]) -> None:
         explorer = self.explorer

@@ -20,12 +20,12 @@ SITE = SiteBrief(object_min_enu_m=(-4.0, -3.0, 0.0), object_max_enu_m=(4.0, 3.0,
 MISSION = Mission(title="t")
 
 
-def hovering_at(drone: Drone, x: float, y: float, z: float) -> None:
+def hovering_at(drone: Drone, x: float, y: float, z: float, battery_percent: float = 100.0) -> None:
     drone.stage = Stage.READY
     drone.link.on_state(VehicleState(
         vehicle_id=drone.vehicle_id, t_ns=0, position_enu_m=(x, y, z), velocity_enu_m_s=(0.0, 0.0, 0.0),
-        acceleration_enu_m_s2=(0.0, 0.0, 0.0), yaw_enu_rad=0.0, gimbal_elevation_rad=0.0, battery_percent=100.0,
-        flying=True, mode="mission"))
+        acceleration_enu_m_s2=(0.0, 0.0, 0.0), yaw_enu_rad=0.0, gimbal_elevation_rad=0.0,
+        battery_percent=battery_percent, flying=True, mode="mission"))
 
 
 def test_a_shut_in_vehicle_looks_around_then_starts_anew_from_its_pad_then_waits(tmp_path: Path) -> None:
@@ -45,3 +45,20 @@ def test_a_shut_in_vehicle_looks_around_then_starts_anew_from_its_pad_then_waits
         hovering_at(drone, *(float(c) for c in drone.hover_enu_m + np.array([0.0, 0.0, 0.5])))
         phase._decide([drone])
     assert drone.stage is Stage.READY
+
+
+def test_who_has_used_its_share_of_the_energy_waits_on_its_pad(tmp_path: Path) -> None:
+    recorder = Recorder(RunFolder(tmp_path), MISSION, SITE)
+    fleet = Fleet(MISSION, SITE, Mock(), Mock(), recorder)
+    phase, first, second = ExplorePhase(Control(MISSION, SITE, fleet, Mock(), recorder)), *fleet.drones.values()
+    for drone in (first, second):
+        hovering_at(drone, *(float(c) for c in drone.hover_enu_m))
+    phase._give_views()
+    assert {d.stage for d in fleet.drones.values()} == {Stage.FLYING}
+    hovering_at(second, 12.0, 9.0, 4.0, battery_percent=60.0)
+    phase._give_views()
+    assert (first.stage, second.stage) == (Stage.FLYING, Stage.HOMING)
+    second.stage = Stage.PARKED
+    phase.step()
+    assert second.stage is Stage.PARKED
+    assert not phase.over
