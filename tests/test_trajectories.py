@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.mission import FleetSpec
-from planning.trajectories import Curve, Limits, State, Via, brake, fly_run, leg_time_s, shutter_speed_m_s
+from planning.trajectories import Curve, Limits, State, Via, fly_run, leg_time_s, shutter_speed_m_s
+from planning.trajectories.leg import brake
 
 coordinate = st.floats(-60.0, 60.0)
 points = st.tuples(coordinate, coordinate, coordinate).map(np.array)

@@ -208,3 +208,9 @@ def test_only_the_stretch_on_which_the_camera_is_late_is_slowed() -> None:
     assert b[[0, 1, 3]] == pytest.approx(a[[0, 1, 3]], abs=0.7)
     turn = fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, [Via(np.zeros(3), 1.0)], lim)
     assert turn.duration_s == pytest.approx(2.02)
+
+
+def test_a_run_begins_at_rest() -> None:
+    moving = State(np.zeros(3), np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    with pytest.raises(ValueError, match="at rest"):
+        fly_run(moving, 0.0, 0.0, [Via(np.ones(3), 0.0)], Limits(3.0, 2.0, 6.0))

@@ -42,13 +42,11 @@ class Via:
 
 @dataclass(frozen=True)
 class Motion:
-    """How a course is flown: when each via is reached, when each straight begins and ends, and the blends flown."""
+    """How a course is flown: when each via is reached, and when each straight begins and ends."""
 
     curve: Curve
     reached_s: Array
     straights_s: Array
-    blends: list[tuple[int, float, Curve]]
-    """Index of the corner, speed, motion."""
 
 
 class Course:
@@ -67,6 +65,7 @@ class Course:
         self._nodes = set(self._corners)
         self._bend, self._highest, self._least_s = np.zeros(n), np.zeros(n), np.zeros(n - 1)
         self._tight: set[int] = set()
+        self._free: dict[tuple[int, float], Curve] = {}
         for i, via in enumerate(vias[:-1], 1):
             self._highest[i] = 0.0 if via.stop else min(limits.speed_m_s, via.speed_m_s)
         for a, b in pairwise(self._corners):
@@ -75,15 +74,26 @@ class Course:
             self._bend[i] = 0.5 * float(np.linalg.norm(self._direction[i + 1] - self._direction[i]))
             self._highest[i] = self._corner_speed(i, float(np.diff(self._along[i - 1:i + 2]).min()))
 
-    def motion(self) -> Motion:
-        """The quickest motion that is known to do what is asked for."""
-        nodes = sorted(self._nodes)
-        least = np.array([self._least_s[a] if b == a + 1 else 0.0 for a, b in pairwise(nodes)])
-        speeds = profile.plan_speeds(self._highest[nodes], self._bend[nodes], np.diff(self._along[nodes]), least,
-                                     self._beyond(nodes), *self._limits.motion)
-        return self._flown(nodes, speeds, least)
+    def motion(self, clear: Clear | None) -> Motion:
+        """The quickest motion: planned again with what turned out to be too fast, too quick to turn or not free."""
+        while True:
+            nodes = sorted(self._nodes)
+            speed, least_s = self._planned(nodes)
+            if clear is not None and self._tighten(speed, clear):
+                continue
+            motion = self._flown(nodes, speed, least_s)
+            if not (self._slow_down(motion) or self._stretch(motion)):
+                return motion
 
-    def slow_down(self, motion: Motion) -> bool:
+    def _planned(self, nodes: list[int]) -> tuple[Array, Array]:
+        """Speeds at all points (n,), 0 at those that are no nodes, and what each way between nodes takes at least."""
+        least = np.array([self._least_s[a] if b == a + 1 else 0.0 for a, b in pairwise(nodes)])
+        speed = np.zeros(len(self._points))
+        speed[nodes] = profile.plan_speeds(self._highest[nodes], self._bend[nodes], np.diff(self._along[nodes]), least,
+                                           self._beyond(nodes), *self._limits.motion)
+        return speed, least
+
+    def _slow_down(self, motion: Motion) -> bool:
         """Take up the points on straights that are passed too fast; whether there are any."""
         passed = np.setdiff1d(np.arange(1, len(self._points)), list(self._nodes))
         speed = np.linalg.norm(motion.curve.at(motion.reached_s[passed - 1])[1], axis=1)
@@ -91,7 +101,7 @@ class Course:
         self._nodes.update(int(i) for i in fast)
         return len(fast) > 0
 
-    def stretch(self, motion: Motion) -> bool:
+    def _stretch(self, motion: Motion) -> bool:
         """Take up the stretches from via to via on which the camera cannot turn in time; whether there are any."""
         late = np.flatnonzero((np.diff(motion.reached_s, prepend=0.0) < self._turn_s - 1e-9) & (self._least_s == 0.0))
         self._least_s[late] = self._turn_s[late]
@@ -99,20 +109,29 @@ class Course:
         self._nodes.update(int(i) + 1 for i in late)
         return len(late) > 0
 
-    def tighten(self, motion: Motion, clear: Clear) -> bool:
+    def _tighten(self, speed: Array, clear: Clear) -> bool:
         """Fly the blends that are not free more tightly, or not at all; whether there are any."""
-        blocked = [(i, v) for i, v, curve in motion.blends if not clear(outline(curve, self._limits))]
-        for i, speed in blocked:
-            self._highest[i] = 0.0 if i in self._tight else self._clear_speed(i, speed, clear)
+        blends = [(i, float(speed[i])) for i in self._corners if self._half_s(i, speed[i]) > 0.0]
+        blocked = [(i, v) for i, v in blends if not self._is_free(i, v, clear)]
+        for i, v in blocked:
+            self._highest[i] = 0.0 if i in self._tight else self._clear_speed(i, v, clear)
             self._tight.add(i)
         return len(blocked) > 0
+
+    def _is_free(self, i: int, speed: float, clear: Clear) -> bool:
+        if (i, speed) not in self._free:
+            curve = self._blend(i, speed)
+            if not clear(outline(curve, self._limits)):
+                return False
+            self._free[i, speed] = curve
+        return True
 
     def _clear_speed(self, i: int, speed: float, clear: Clear) -> float:
         """Of the widest free blend, each passing the corner half as far away as the one before; 0 where none is."""
         deviation = profile.deviation_m(speed * self._bend[i], *self._rates)
         for halved in range(1, TIGHTER + 1):
             tighter = float(profile.lateral_speed_m_s(deviation / 2.0**halved, *self._rates) / self._bend[i])
-            if clear(outline(self._blend(i, tighter), self._limits)):
+            if self._is_free(i, tighter, clear):
                 return tighter
         return 0.0
 
@@ -141,30 +160,26 @@ class Course:
             return 0.0
         return 0.5 * float(profile.ramp_s(2.0 * speed * self._bend[i], *self._rates))
 
-    def _flown(self, nodes: list[int], speeds: Array, least_s: Array) -> Motion:
+    def _flown(self, nodes: list[int], speed: Array, least_s: Array) -> Motion:
         parts: list[Curve] = []
-        blends: list[tuple[int, float, Curve]] = []
         straights: list[tuple[float, float]] = []
         reached = np.zeros(len(self._points))
         now = begun = 0.0
-        for n, (a, b) in enumerate(pairwise(nodes)):
-            legs = self._leg(a, b, float(speeds[n]), float(speeds[n + 1]), float(least_s[n]))
+        for (a, b), least in zip(pairwise(nodes), least_s, strict=True):
+            v1, v2 = float(speed[a]), float(speed[b])
+            legs = self._leg(a, b, v1, v2, float(least))
             parts += legs
             left, now = now, now + sum(leg.duration_s for leg in legs)
-            half = self._half_s(b, float(speeds[n + 1]))
-            reached[b] = now + half
+            reached[b] = now + self._half_s(b, v2)
             if a + 1 < b:
                 self._pass(a, b, legs, left, reached)
             if b in self._corners:
                 straights.append((begun, now))
-            if half > 0.0:
-                corner = self._blend(b, float(speeds[n + 1]))
-                parts.append(corner)
-                blends.append((b, float(speeds[n + 1]), corner))
-                now += corner.duration_s
-            if b in self._corners:
                 begun = now
-        return Motion(Curve.chain(parts), reached[1:], np.array(straights), blends)
+            if reached[b] > now:
+                parts.append(self._free.get((b, v2)) or self._blend(b, v2))
+                begun = now = now + parts[-1].duration_s
+        return Motion(Curve.chain(parts), reached[1:], np.array(straights))
 
     def _leg(self, a: int, b: int, v1: float, v2: float, least_s: float) -> list[Curve]:
         """From node to node without their blends, waiting at a rest where it cannot be flown slowly enough."""
@@ -196,13 +211,13 @@ def _corners(points: Array) -> list[int]:
     out = [0]
     while out[-1] < len(points) - 1:
         far = out[-1] + 1
-        while far < len(points) - 1 and on_line(points[out[-1]:far + 2]):
+        while far < len(points) - 1 and _on_line(points[out[-1]:far + 2]):
             far += 1
         out.append(far)
     return out
 
 
-def on_line(points: Array) -> bool:
+def _on_line(points: Array) -> bool:
     """Whether points (n, 3) lie on the segment from the first to the last, in order."""
     span = points[-1] - points[0]
     length = max(float(np.linalg.norm(span)), SAME_M)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from missions.frames import Array, wrap_pi
-from planning.trajectories.course import Clear, Course, Via, on_line
+from planning.trajectories.course import Clear, Course, Via
 from planning.trajectories.curve import Curve, State
 from planning.trajectories.flight import Flight, joined
 from planning.trajectories.limits import Limits
@@ -21,30 +21,22 @@ def run_length(vias: list[Via]) -> int:
     return next((n + 1 for n, v in enumerate(vias[:MAX_RUN]) if v.stop), min(len(vias), MAX_RUN))
 
 
-def straight_run(start: Array, vias: list[Via]) -> int:
-    """As run_length, but up to the last before a corner: for callers that check straight lines alone."""
-    points = np.array([start, *(v.position for v in vias[:run_length(vias)])])
-    taken = 1
-    while taken < len(points) - 1 and on_line(points[:taken + 2]):
-        taken += 1
-    return taken
-
-
 def fly_run(start: State, yaw_rad: float, elevation_rad: float, vias: list[Via], limits: Limits,
             clear: Clear | None = None) -> Flight:
     """From rest over all vias to rest at the last, in the shortest time.
 
     Corners are blended, passing within pass_m (at least EXACT_M) of each via, where `clear` says that the polyline
     (k, 3) around the blend is free; else more tightly, or stopping. The camera has turned when a via is passed, and
-    does not turn then; stretches on which it could not turn in time are flown more slowly.
+    does not turn then; stretches on which it could not turn in time are flown more slowly. That the polyline through
+    the vias is free is the caller's to know. Raises ValueError when the start is not at rest.
     """
+    if start.moving:
+        raise ValueError("a run begins at rest")
     yaw = _unwrapped([yaw_rad, *(v.yaw_rad for v in vias)])
     elevation = np.array([elevation_rad, *(v.elevation_rad for v in vias)])
     angle = np.maximum(np.abs(np.diff(yaw)), np.abs(np.diff(elevation)))
     course = Course(start.position, vias, np.where(angle > 0.0, angle / limits.slew_rad_s + STILL_S, 0.0), limits)
-    motion = course.motion()
-    while course.slow_down(motion) or course.stretch(motion) or (clear and course.tighten(motion, clear)):
-        motion = course.motion()
+    motion = course.motion(clear)
     whole = Curve.chain([motion.curve, Curve.hold(motion.curve.end, vias[-1].settle_s)])
     return Flight(whole, motion.reached_s, _knots(motion.reached_s), np.repeat(yaw, 2)[1:], np.repeat(elevation, 2)[1:],
                   limits, motion.straights_s)
