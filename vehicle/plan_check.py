@@ -1,4 +1,4 @@
-"""Whether a whole plan may be accepted: fence, clearance at its waypoints, energy for it and for the way home."""
+"""Whether a whole plan may be accepted: fence, clearance where it must be, energy for it and for the way home."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ def refusal(route: Route, position_enu_m: Array, fence: tuple[Array, Array], fle
         return f"energy: the battery is at {battery.level_percent:.1f} %, at or below the threshold"
     points = np.array([w.position_enu_m for w in route.waypoints])
     lower, upper = fence[0] - FENCE_TOLERANCE_M, fence[1] + FENCE_TOLERANCE_M
-    for n, point in enumerate(points):
+    for n, (waypoint, point) in enumerate(zip(route.waypoints, points, strict=True)):
         if np.any(point < lower) or np.any(point > upper):
             return f"fence: waypoint {n} lies outside the geofence"
-        if not avoidance.clear(point, point):
+        # corners on the way are advice: what stands there in truth is gone around
+        if (waypoint.stop or waypoint.view_id is not None) and not avoidance.clear(point, point):
             return f"clearance: waypoint {n} is nearer than {fleet.clearance_m} m to what is not known to be free"
     settle_s = np.array([w.settle_s for w in route.waypoints])
     legs = stops_percent(battery.energy, np.concatenate([position_enu_m[None], points]), settle_s,
