@@ -42,6 +42,7 @@ BENCHMARKS = (
     Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
     Command("allocate", "ground_station.allocate.bench:main", "makespans of the methods, on files and as views grow"),
     Command("paths", "ground_station.bench.paths:main", "planners in narrow passages and around given structures"),
+    Command("replan", "vehicle.replan_bench:main", "what a replan costs on board, around given structures"),
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
     Command("trajectories", "ground_station.bench.trajectories:main", "views passed or stopped at; legs and flights"),
     Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),

@@ -29,7 +29,6 @@ from planning.paths import MeshField, NoPath, ObstacleField, VoxelField, plan_pa
 from planning.paths.replan import straightened
 from planning.paths.sampling import MAX_ITERATIONS, sampled_path
 from planning.paths.thesis import way_round
-from planning.warm_up import warm_up
 
 OURS, THESIS = "lattice", "thesis"
 OMPL = ("RRTConnect", "RRTstar", "InformedRRTstar", "BITstar", "AORRTC", "BFMT", "KPIECE1", "BKPIECE1")
@@ -80,7 +79,8 @@ def main(argv: Sequence[str]) -> int:
     passages = [] if options.files_only else [made_up(options.queries, options.seed)]
     structures = [in_structure(path, options.queries, options.seed) for path in options.files]
     total = options.queries * (len(PASSAGES) * len(passages) + len(structures))
-    warm_up()
+    for query in made_up(1, options.seed):  # compiled code is loaded when it is first called
+        ask(planner_of(OURS, 1), OURS, query, "mesh", 0)
     answers: list[Answer] = []
     shown = track(chain(*passages, *structures), "paths", total, console=Console(stderr=True), disable=options.json)
     for number, query in enumerate(shown):

@@ -99,7 +99,7 @@ def _mean_square(distance: NDArray[np.float32], i: int, j: int, k: int, fx: floa
         room = max(0.0, distance[i + a, j + b, k + c])
         after = middle if step == 0 else (last if step == 1 else 0.0)
         total += (bound - after) * room * room
-    return total
+    return float(total)
 
 
 @njit(cache=True, inline="never")  # type: ignore[untyped-decorator]

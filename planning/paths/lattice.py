@@ -38,8 +38,8 @@ def lattice_path(field: ObstacleField, ends_enu_m: Array, clearance_m: float, bo
 
 
 def _may_connect(wide: NDArray[np.bool_], seeds: NDArray[np.int64], exits: NDArray[np.int64]) -> bool:
-    """Whether some seed and some exit (n, 3) lie in one piece of the wide points: searching all of a large space in vain
-    takes much longer."""
+    """Whether some seed and some exit (n, 3) lie in one piece of the wide points; searching a large space in vain takes
+    much longer."""
     pieces, _ = ndimage.label(wide, structure=np.ones((3, 3, 3)))
     return bool(np.intersect1d(pieces[tuple(seeds.T)], pieces[tuple(exits.T)]).size)
 
