@@ -59,7 +59,7 @@ def _plan_paths(grid: VoxelGrid) -> None:
 
 def _plan_flight() -> None:
     vias = [Via(np.array(p), 0.0, stop=False, pass_m=0.5) for p in ((3.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 6.0, 0.0))]
-    fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, vias, Limits(3.0, 2.0, 6.0, 1.0)).stop(1.0)
+    fly_run(State.at_rest(np.zeros(3)), 0.0, 0.0, vias, Limits(3.0, 2.0, 6.0, 1.0), lambda outline: False).stop(1.0)
 
 
 def _cost_legs(grid: VoxelGrid) -> None:
