@@ -123,13 +123,13 @@ class SurveyPhase:
         """The vehicle's next chunk, or the part of it that needs no more than waiting to keep clear of the others."""
         state, k = drone.state, drone.vehicle_id
         assert state is not None
-        in_stage = self._fleet.in_stage
-        resting = {d.vehicle_id: d.position_enu_m for d in in_stage(Stage.READY, Stage.LAUNCHING, Stage.LOST)
-                   if d.state is not None and d.state.flying}
-        moving = [d.vehicle_id for d in in_stage(Stage.FLYING, Stage.HOMING)]
+        moving = [d.vehicle_id for d in self._fleet.in_stage(Stage.FLYING, Stage.HOMING)]
+        resting, lost = ([d.position_enu_m for d in self._fleet.in_stage(*stages)
+                          if d is not drone and d.state is not None and d.state.flying]
+                         for stages in ((Stage.READY, Stage.LAUNCHING), (Stage.LOST,)))
         for share in PARTS:
             waypoints = self.survey.next_waypoints(flyer, self._airspace, hovering, share)
-            hold_s = self._traffic.hold_s(state, waypoints, self._t_s, resting, moving) if waypoints else 0.0
+            hold_s = self._traffic.hold_s(state, waypoints, self._t_s, moving, resting, lost) if waypoints else 0.0
             if hold_s is not None:
                 break
             if share > PARTS[-1]:

@@ -1,14 +1,15 @@
 """Plans that keep apart in time: the predicted flights of all vehicles, and how long the next one waits at its start.
 
 Prioritised planning in the order in which plans are sent: what is under way is fixed, and the next plan is fitted
-around it by waiting. A vehicle rests at its plan's end, so plans that keep clear of it do so however long it rests.
-What waiting cannot resolve is left to the vehicles, which yield on board.
+around it by waiting. Who is done with a plan soon goes on with the next, which keeps clear of all that is under way by
+then, so its rest in between counts for REST_S only. What waiting cannot resolve is left to the vehicles, which yield
+on board.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -24,8 +25,12 @@ from planning.trajectories import Limits
 UPLOAD_S = 0.3
 """From sending a plan until it is flown."""
 LONGEST_HOLD_S = 60.0
+REST_S = 8.0
 SPARE_M = 0.4
 """Beyond the separation: vehicles launch only what keeps 0.3 m more than it by the announced trajectories."""
+
+
+REST_STEPS, LONGEST_HOLD = round(REST_S / STEP_S), round(LONGEST_HOLD_S / STEP_S)
 
 
 class Traffic:
@@ -36,18 +41,18 @@ class Traffic:
         self._apart_m = mission.fleet.separation_m + SPARE_M
         self._plans: dict[int, tuple[float, Array]] = {}
 
-    def hold_s(self, state: VehicleState, waypoints: list[Waypoint], t_s: float, resting: Mapping[int, Array],
-               moving: Iterable[int]) -> float | None:
+    def hold_s(self, state: VehicleState, waypoints: list[Waypoint], t_s: float, moving: Iterable[int],
+               resting: Sequence[Array], lost: Sequence[Array]) -> float | None:
         """How long a hovering vehicle must wait before these waypoints so that nobody comes near; None when waiting
-        does not help. resting: where others hover; moving: who else flies the plan that was told last."""
+        does not help. moving: who else flies the plan that was told last; resting: where others hover that soon go on;
+        lost: where nobody goes on."""
         mine = self._predicted(state, waypoints)
-        most = len(mine) + round(LONGEST_HOLD_S / STEP_S)
-        others = [np.repeat(place[None], most, axis=0) for k, place in resting.items() if k != state.vehicle_id]
-        others += [self._ahead(k, t_s, most) for k in moving if k in self._plans]
-        window = math.ceil(SLACK_S / STEP_S)
-        for wait in range(0, round(LONGEST_HOLD_S / STEP_S), round(HOLD_STEP_S / STEP_S)):
-            padded = np.pad(mine, ((wait, most - len(mine) - wait), (0, 0)), mode="edge")
-            if all(first_approach(padded, other, window, self._apart_m) == NEVER for other in others):
+        others = [*(self._ahead(k, t_s) for k in moving if k in self._plans),
+                  *(np.repeat(place[None], REST_STEPS, axis=0) for place in resting),
+                  *(np.repeat(place[None], len(mine) + LONGEST_HOLD + REST_STEPS, axis=0) for place in lost)]
+        for wait in range(0, LONGEST_HOLD, round(HOLD_STEP_S / STEP_S)):
+            padded = np.pad(mine, ((wait, REST_STEPS), (0, 0)), mode="edge")
+            if all(self._apart(padded, other) for other in others):
                 return wait * STEP_S
         return None
 
@@ -55,11 +60,16 @@ class Traffic:
         """This plan is sent."""
         self._plans[state.vehicle_id] = t_s, self._predicted(state, waypoints)
 
-    def _ahead(self, vehicle_id: int, t_s: float, count: int) -> Array:
-        """(count, 3) every STEP_S from now on."""
+    def _apart(self, a: Array, b: Array) -> bool:
+        """Whether two tracks keep apart while both are known."""
+        known = min(len(a), len(b))
+        return bool(first_approach(a[:known], b[:known], math.ceil(SLACK_S / STEP_S), self._apart_m) == NEVER)
+
+    def _ahead(self, vehicle_id: int, t_s: float) -> Array:
+        """(n, 3) every STEP_S from now on, as long as it is known."""
         sent_s, track = self._plans[vehicle_id]
-        steps = np.arange(count) + round((t_s - sent_s) / STEP_S)
-        return np.asarray(track[np.clip(steps, 0, len(track) - 1)])
+        gone = min(round((t_s - sent_s) / STEP_S), len(track) - 1)
+        return np.pad(track[gone:], ((0, REST_STEPS), (0, 0)), mode="edge")
 
     def _predicted(self, state: VehicleState, waypoints: list[Waypoint]) -> Array:
         """(n, 3) every STEP_S from sending the plan until it is flown."""

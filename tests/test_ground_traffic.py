@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ground_station.traffic import UPLOAD_S, Traffic, holding
+from ground_station.traffic import REST_S, UPLOAD_S, Traffic, holding
 from missions.mavlink import Waypoint
 from missions.messages import VehicleState
 from missions.mission import Mission
@@ -29,8 +29,9 @@ def over(*places: Point) -> list[Waypoint]:
 
 def least_m(traffic: Traffic, t_s: float) -> float:
     """Between vehicles 1 and 2 from now on."""
-    a, b = (traffic._ahead(k, t_s, 1000) for k in (1, 2))
-    return float(np.linalg.norm(a - b, axis=1).min())
+    a, b = (traffic._ahead(k, t_s) for k in (1, 2))
+    known = min(len(a), len(b))
+    return float(np.linalg.norm(a[:known] - b[:known], axis=1).min())
 
 
 @settings(max_examples=60, deadline=None)
@@ -40,12 +41,12 @@ def test_a_plan_keeps_clear_of_what_is_under_way_or_is_known_not_to(a: list[Poin
     traffic = Traffic(MISSION)
     first, second = at(1, a[0]), at(2, b[0])
     traffic.flies(first, over(*a[1:]), 0.0)
-    hold_s = traffic.hold_s(second, over(*b[1:]), late_s, {}, [1])
+    hold_s = traffic.hold_s(second, over(*b[1:]), late_s, [1], [], [])
     if hold_s is not None:
         traffic.flies(second, [holding(second, hold_s), *over(*b[1:])], late_s)
         assert least_m(traffic, late_s) >= SEPARATION_M
     else:
-        other, mine = traffic._ahead(1, late_s, 1000), traffic._predicted(second, over(*b[1:]))
+        other, mine = traffic._ahead(1, late_s), traffic._predicted(second, over(*b[1:]))
         assert min(np.linalg.norm(other - mine[0], axis=1).min(), np.linalg.norm(mine - other[-1], axis=1).min(),
                    np.linalg.norm(other - mine[-1], axis=1).min()) < SEPARATION_M + 1.0
 
@@ -54,16 +55,20 @@ def test_crossing_plans_wait_no_longer_than_needed() -> None:
     traffic = Traffic(MISSION)
     east, north = at(1, (-12.0, 0.0, 5.0)), at(2, (0.0, -12.0, 5.0))
     traffic.flies(east, over((12.0, 0.0, 5.0)), 0.0)
-    hold_s = traffic.hold_s(north, over((0.0, 12.0, 5.0)), 0.0, {}, [1])
+    hold_s = traffic.hold_s(north, over((0.0, 12.0, 5.0)), 0.0, [1], [], [])
     assert hold_s is not None
     assert 0.0 < hold_s < 5.0
-    assert traffic.hold_s(north, over((0.0, 12.0, 9.0)), 0.0, {}, []) == 0.0
+    assert traffic.hold_s(north, over((0.0, 12.0, 9.0)), 0.0, [], [], []) == 0.0
     traffic.flies(north, [holding(north, hold_s), *over((0.0, 12.0, 5.0))], 0.0)
     assert least_m(traffic, 0.0) >= SEPARATION_M
-    assert np.allclose(traffic._ahead(2, hold_s + UPLOAD_S - 0.2, 1), (0.0, -12.0, 5.0))
+    assert np.allclose(traffic._ahead(2, hold_s + UPLOAD_S - 0.2)[0], (0.0, -12.0, 5.0))
 
 
-def test_who_rests_in_the_way_cannot_be_waited_for() -> None:
+def test_who_rests_in_the_way_is_waited_for_unless_nobody_goes_on_there() -> None:
     traffic, me = Traffic(MISSION), at(2, (0.0, -12.0, 5.0))
-    assert traffic.hold_s(me, over((0.0, 12.0, 5.0)), 0.0, {1: np.array([0.0, 3.0, 5.0])}, []) is None
-    assert traffic.hold_s(me, over((0.0, -1.0, 5.0)), 0.0, {1: np.array([0.0, 3.0, 5.0]), 2: np.zeros(3)}, []) == 0.0
+    there = [np.array([0.0, 3.0, 5.0])]
+    assert traffic.hold_s(me, over((0.0, 12.0, 5.0)), 0.0, [], [], there) is None
+    assert traffic.hold_s(me, over((0.0, -1.0, 5.0)), 0.0, [], [], there) == 0.0
+    patience_s = traffic.hold_s(me, over((0.0, 12.0, 5.0)), 0.0, [], there, [])
+    assert patience_s is not None
+    assert 0.0 < patience_s <= REST_S
