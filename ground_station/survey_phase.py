@@ -129,7 +129,9 @@ class SurveyPhase:
                          for stages in ((Stage.READY, Stage.LAUNCHING), (Stage.LOST,)))
         for share in PARTS:
             waypoints = self.survey.next_waypoints(flyer, self._airspace, hovering, share)
-            hold_s = self._traffic.hold_s(state, waypoints, self._t_s, moving, resting, lost) if waypoints else 0.0
+            if not waypoints:
+                return []
+            hold_s = self._traffic.hold_s(state, waypoints, self._t_s, moving, resting, lost)
             if hold_s is not None:
                 break
             if share > PARTS[-1]:
