@@ -111,6 +111,7 @@ def test_the_thesis_missions_load_and_ask_for_its_method(name: str) -> None:
     mission = load_mission(MISSIONS_FOLDER / f"{name}.toml")
     assert mission.survey.method == "thesis"
     assert mission.survey.views == "file"
+    assert mission.survey.stop_at_views
     assert mission.knowledge == "mesh"
     assert mission.battery.model == "distance"
     assert mission.battery.threshold_percent == 20.0
