@@ -97,7 +97,7 @@ def battery(plan: Experiment, flown: dict[int, list[float]]) -> go.Figure:
         figure.add_scatter(x=list(range(until)), y=level[:until], mode="lines", name=f"UAV {k} forecast", line=line)
         if tour.stop is not None:
             figure.add_scatter(x=[tour.stop], y=[level[tour.stop]], mode="markers+text", showlegend=False,
-                               marker={"symbol": "x", "size": 11, "color": BAD}, textposition="top left",
+                               marker={"symbol": "x", "size": 11, "color": BAD}, textposition="bottom left",
                                text=[f"{tour.stop}: {level[tour.stop]:.2f} %, {len(tour.left)} left"])
         if len(level) > own:
             figure.add_scatter(x=list(range(own - 1, len(level))), y=level[own - 1 :], mode="lines",
@@ -107,7 +107,7 @@ def battery(plan: Experiment, flown: dict[int, list[float]]) -> go.Figure:
                                line={"color": colour(k), "width": 1}, opacity=0.5)
     threshold = plan.discharge.threshold_percent
     figure.add_hline(y=threshold, line={"color": BAD, "width": 1, "dash": "dash"},
-                     annotation_text=f"threshold {threshold:g} %", annotation_position="bottom left")
+                     annotation_text=f"threshold {threshold:g} %", annotation_position="top left")
     figure.update_layout(height=390, legend={"y": -0.2, "yanchor": "top"})
     figure.update_yaxes(range=[0, 104])
     return figure
