@@ -23,6 +23,7 @@ from missions.mission import Mission
 from missions.mission_file import find_mission, load_mission, write_mission
 from missions.prior_file import load_prior
 from missions.run_folder import RunFolder
+from planning.trajectories.power import fit
 
 log = logging.getLogger(__name__)
 
@@ -172,7 +173,7 @@ def run_stage(stage: str, run: RunFolder, keep_depth: bool) -> bool:
 
 
 def prepare(options: argparse.Namespace) -> tuple[Mission, RunFolder]:
-    """The merged mission, written into a fresh run folder."""
+    """The merged mission, written into a fresh run folder; what cannot be flown is refused before anything starts."""
     path = find_mission(options.mission)
     mission = load_mission(path, overrides(options))
     if options.scene and options.scene not in BUILT_IN_SCENES and not Path(options.scene).exists():
@@ -180,6 +181,7 @@ def prepare(options: argparse.Namespace) -> tuple[Mission, RunFolder]:
                         f"{', '.join(BUILT_IN_SCENES)}; check the name.")
     if mission.prior_path:
         load_prior(Path(mission.prior_path))
+    fit(mission.airframe)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     root = Path(options.run) if options.run else Path("runs") / f"{stamp}-{path.stem}"
     if root.exists() and any(root.iterdir()):

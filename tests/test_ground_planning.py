@@ -156,7 +156,8 @@ def test_the_command_line_overrides_the_mission_and_refuses_nonsense(tmp_path: P
     with pytest.raises(UserError, match="not empty"):
         launcher.prepare(options)
     for bad, hint in ((["bridge", "--scene", "nowhere.glb"], "nowhere.glb"), (["bridge", "--set", "x"], "no '='"),
-                      (["bridge", "--set", "explore.mox=1"], "unknown key explore.mox")):
+                      (["bridge", "--set", "explore.mox=1"], "unknown key explore.mox"),
+                      (["bridge", "--set", "airframe.range_km=60"], "airframe: no power model")):
         with pytest.raises(UserError, match=hint):
             launcher.prepare(launcher._parse([*bad, "--run", str(tmp_path / "other")]))
 
