@@ -94,23 +94,6 @@ class VoxelField:
         return self.distance, self.origin, self.voxel_m, self.spheres
 
 
-def segment_clearance_m(field: ObstacleField, a_enu_m: Array, b_enu_m: Array, step_m: float = 0.25) -> Array:
-    """(n,) least clearance along segments from a (n, 3) to b (n, 3), never more than true.
-
-    Between two samples s apart with clearances p and q the clearance is at least (p + q - s) / 2.
-    """
-    a, b = paired(a_enu_m, b_enu_m)
-    if len(a) == 0:
-        return np.zeros(0)
-    lengths = np.linalg.norm(b - a, axis=1)
-    count = max(1, math.ceil(float(lengths.max()) / step_m))
-    f = np.linspace(0.0, 1.0, count + 1)
-    points = a[:, None] + (b - a)[:, None] * f[None, :, None]
-    c = field.clearance_m(points.reshape(-1, 3)).reshape(len(a), count + 1)
-    between = 0.5 * (c[:, :-1] + c[:, 1:] - (lengths / count)[:, None])
-    return np.asarray(np.maximum(0.0, np.minimum(c.min(axis=1), between.min(axis=1))))
-
-
 def paired(a: Array, b: Array) -> tuple[Array, Array]:
     """Ends of segments as two arrays (n, 3); a single point belongs to all of the other's."""
     a = np.ascontiguousarray(a, dtype=np.float64).reshape(-1, 3)
