@@ -24,11 +24,14 @@ IN_FLIGHT_SPARE_M = 0.1
 REACTION_S = 0.3
 """From a teammate's braking until the own braking begins, at most."""
 ASIDE_STEPS_M = (1.5, 3.0, 4.5, 6.5, 9.0)
-STOPPED_SHORT_M, STEP_SHORT_M = 0.03, 0.01
+STOPPED_SHORT_M, STEP_SHORT_M = 0.1, 0.01
+CHORD_SHORT_M = 0.03
+"""A flight's samples are joined by chords, which cut its blends a little."""
 REPLAN_REACH_M = (6.0, 16.0)
 """How far around the direct way a detour is looked for, first and then."""
 ESCAPE_STEPS_M = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 BODY_SPARE_M = 0.2
+NO_PLACES = np.zeros((0, 3))
 DIRECTIONS = fibonacci_directions(320)
 """In which a way out of a narrow place, or out of a teammate's way, is looked for."""
 
@@ -63,7 +66,7 @@ class Avoidance:
         """
         need = self._fleet.clearance_m
         ends = np.stack([a_enu_m, b_enu_m])
-        field = self.memory.field(a_enu_m, b_enu_m, need)
+        field = self._space(a_enu_m, b_enu_m, need)
         room = float(field.clearance_m(ends).min())
         if need - STOPPED_SHORT_M <= room < need:
             need = room - STEP_SHORT_M
@@ -72,7 +75,7 @@ class Avoidance:
     def clear_legs(self, points_enu_m: Array) -> int:
         """How many legs of a polyline (k, 3), from its beginning, are clear."""
         need = self._fleet.clearance_m
-        field = self.memory.field(points_enu_m.min(axis=0), points_enu_m.max(axis=0), need)
+        field = self._space(points_enu_m.min(axis=0), points_enu_m.max(axis=0), need)
         clear = field.segments_clear(points_enu_m[:-1], points_enu_m[1:], need)
         for n, leg in enumerate(clear):
             if not leg and not self.clear(points_enu_m[n], points_enu_m[n + 1]):
@@ -82,18 +85,18 @@ class Avoidance:
     def outline_clear(self, way_enu_m: Array) -> bool:
         """Whether a polyline (k, 3) that bounds a blend is clear."""
         need = self._fleet.clearance_m
-        field = self.memory.field(way_enu_m.min(axis=0), way_enu_m.max(axis=0), need)
+        field = self._space(way_enu_m.min(axis=0), way_enu_m.max(axis=0), need)
         return bool(field.segments_clear(way_enu_m[:-1], way_enu_m[1:], need).all())
 
     def still_clear(self, way_enu_m: Array) -> bool:
         """Whether the way (k, 3) that was found clear still is, on a map that has changed."""
         need = self._fleet.clearance_m - STOPPED_SHORT_M
-        field = self.memory.field(way_enu_m.min(axis=0), way_enu_m.max(axis=0), need)
+        field = self._space(way_enu_m.min(axis=0), way_enu_m.max(axis=0), need)
         return bool(field.segments_clear(way_enu_m[:-1], way_enu_m[1:], need).all())
 
     def clear_of_hits(self, way_enu_m: Array) -> bool:
         """The part of `still_clear` that can change while the map stays the same."""
-        return self.memory.hits_clear(way_enu_m, self._fleet.clearance_m + HIT_RADIUS_M - STOPPED_SHORT_M)
+        return self.memory.hits_clear(way_enu_m, self._fleet.clearance_m + HIT_RADIUS_M - CHORD_SHORT_M)
 
     def conflicts(self, flight: Flight, way_enu_m: Array, now_ns: int, start_ns: int | None = None) -> list[Conflict]:
         """Teammates that keep a flight along a way (k, 3) from being launched (now, when no start is given): apart even
@@ -115,13 +118,13 @@ class Avoidance:
         return self.memory.hits_clear(way_enu_m, self._fleet.radius_m + BODY_SPARE_M)
 
     def way(self, start_enu_m: Array, goal_enu_m: Array, t_ns: int, around_resting: bool) -> Array:
-        """(k, 3) waypoints from start to goal around obstacles and dead teammates, and around those that rest when
-        asked for. Raises NoPath.
+        """(k, 3) waypoints from start to goal around what is solid, and around resting teammates when asked for. Raises
+        NoPath.
 
         From a place that has become too narrow, the first waypoint is the nearest one that is wide enough.
         """
         self.replans += 1
-        teammates = self.teammates.resting(t_ns) if around_resting else self.teammates.dead()
+        teammates = self.teammates.resting(t_ns) if around_resting else NO_PLACES
         failure = NoPath("search")
         for reach in REPLAN_REACH_M:
             field = self._field(start_enu_m, goal_enu_m, reach, teammates)
@@ -152,7 +155,7 @@ class Avoidance:
         if not len(places):
             return places
         need = self._fleet.clearance_m
-        field = self.memory.field(position_enu_m, position_enu_m, ASIDE_STEPS_M[-1])
+        field = self._space(position_enu_m, position_enu_m, ASIDE_STEPS_M[-1])
         here = np.broadcast_to(position_enu_m, places.shape)
         return np.asarray(places[field.segments_clear(here, places, need)])
 
@@ -186,8 +189,14 @@ class Avoidance:
         # The map calls the very place solid in which the vehicle hovers: there the range sensor alone is believed.
         return self.may_leave(np.stack([start, goal]))
 
+    def _space(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
+        """What is solid around a and b. A dead teammate is: it will not move any more."""
+        field, dead = self.memory.field(a_enu_m, b_enu_m, margin_m), self.teammates.dead()
+        radius = max(0.0, self._fleet.separation_m + IN_FLIGHT_SPARE_M - self._fleet.clearance_m)
+        return field.with_spheres(dead, radius) if len(dead) else field
+
     def _field(self, start: Array, goal: Array, reach_m: float, teammates: Array) -> ObstacleField:
-        field = self.memory.field(start, goal, reach_m)
+        field = self._space(start, goal, reach_m)
         # A sphere of this radius turns the clearance into the separation.
         radius = self.separation_m - self._fleet.clearance_m
         return field.with_spheres(teammates, max(radius, 0.0)) if len(teammates) else field

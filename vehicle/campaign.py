@@ -12,7 +12,7 @@ import json
 import multiprocessing
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
+from missions.clock import vehicle_name
 from missions.frames import Array
 from missions.mavlink import Route, Waypoint
 from missions.messages import AnnouncedTrajectory
@@ -86,7 +87,8 @@ class Result:
 class Campaign:
     """One mission: vehicles, the mail between them, and a dispatcher in the ground station's place."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, deal: dict[int, list[int]] | None = None) -> None:
+        """deal: which views each vehicle is sent, in this order; random when left out."""
         self.world, self.t_ns = world, 0
         mission, site = world.mission, world.site
         self.vehicles = {k: Vehicle(mission, site, k, Path(), memory=KnownSpace(
@@ -101,18 +103,33 @@ class Campaign:
         self.pending: list[int] = []
         self.given_back: list[str] = []
         self.random = np.random.default_rng(world.mission.seed + 1)
+        self.dead: frozenset[int] = frozenset()
         self._plans = 0
-        self._deal()
+        home = bool(self.random.random() < 0.5)
+        for k, views in (deal or self._random_deal()).items():
+            if views:
+                self._send(k, views, home)
 
     @property
     def flown(self) -> set[int]:
         """Views whose shutter opened."""
         return {view for v in self.vehicles.values() for _, view in v.camera.exposed}
 
-    def fly(self) -> Result:
-        """Until everybody has landed, or nothing moves any more."""
+    @property
+    def alive(self) -> dict[int, Vehicle]:
+        """Those that still fly and listen."""
+        return {k: v for k, v in self.vehicles.items() if k not in self.dead}
+
+    def kill(self, k: int) -> None:
+        """Vehicle k stops where it rests, and everybody learns of it."""
+        self.dead |= {k}
+        for v in self.alive.values():
+            v.teammates.note_participants(frozenset(map(vehicle_name, self.alive)))
+
+    def fly(self, until: Callable[[], bool] = lambda: False) -> Result:
+        """Until everybody has landed, or nothing moves any more, or as asked."""
         start = time.process_time()
-        while not self._over() and self.t_ns - self.moved_ns < STUCK_NS and self.t_ns < MAX_NS:
+        while not self._over() and not until() and self.t_ns - self.moved_ns < STUCK_NS and self.t_ns < MAX_NS:
             self._tick()
         tracks = np.stack([track(self.curves[k], np.array(self.times)) for k in self.vehicles])
         fleet = self.world.mission.fleet
@@ -129,11 +146,11 @@ class Campaign:
     def _tick(self) -> None:
         mail, self.mail = self.mail, []
         for message in mail:
-            for k, v in self.vehicles.items():
+            for k, v in self.alive.items():
                 if k != message.vehicle_id:
                     v.teammates.hear(message)
         wake = self.t_ns + TICK_NS
-        for k, v in self.vehicles.items():
+        for k, v in self.alive.items():
             v.executor.step(self.t_ns)
             wake = min(wake, v.executor.wake_ns or wake)
             announcement = v.pilot.announcement(self.t_ns)
@@ -147,21 +164,17 @@ class Campaign:
         self.flying.append([v.executor.flying for v in self.vehicles.values()])
         self._dispatch()
         then = min((self.t_ns // TICK_NS + 1) * TICK_NS, max(self.t_ns + LATENCY_NS, wake))
-        self.waited_ns += (then - self.t_ns) * sum(v.pilot.waiting for v in self.vehicles.values())
+        self.waited_ns += (then - self.t_ns) * sum(v.pilot.waiting for v in self.alive.values())
         self.t_ns = then
 
     def _over(self) -> bool:
         return self.t_ns > TICK_NS and not self.pending and \
-            all(v.executor.mode == STANDBY for v in self.vehicles.values())
+            all(v.executor.mode == STANDBY for v in self.alive.values())
 
-    def _deal(self) -> None:
+    def _random_deal(self) -> dict[int, list[int]]:
         """Every vehicle gets random views in random order."""
-        order = self.random.permutation(len(self.attempts))
-        home = bool(self.random.random() < 0.5)
-        for k in self.vehicles:
-            views = [int(n) for n in order[k - 1::len(self.vehicles)]]
-            if views:
-                self._send(k, views, home)
+        order = [int(n) for n in self.random.permutation(len(self.attempts))]
+        return {k: order[k - 1::len(self.vehicles)] for k in self.vehicles}
 
     def _send(self, k: int, views: list[int], home: bool) -> None:
         """A plan along ways that are clear when nobody else flies."""
@@ -187,18 +200,18 @@ class Campaign:
 
     def _dispatch(self) -> None:
         """Views given back go to whoever is idle; when nothing is left, everybody goes home."""
-        for k, v in self.vehicles.items():
+        for k, v in self.alive.items():
             for report in v.executor.outbox.reports:
                 self.given_back.append(f"{k}: view {report.view_id} {report.outcome} ({report.detail})")
                 if self.attempts[report.view_id] < ATTEMPTS:
                     self.pending.append(report.view_id)
             v.executor.outbox.clear()
-        free = [k for k, v in self.vehicles.items() if v.executor.idle or v.executor.mode in (STANDBY, RETURN)]
+        free = [k for k, v in self.alive.items() if v.executor.idle or v.executor.mode in (STANDBY, RETURN)]
         if self.pending and free:
             self._send(free[int(self.random.integers(len(free)))], self.pending, False)
             self.pending = []
-        elif len(free) == len(self.vehicles):
-            for v in self.vehicles.values():
+        elif len(free) == len(self.alive):
+            for v in self.alive.values():
                 v.executor.go_home(self.t_ns)
 
 

@@ -54,19 +54,36 @@ def make_world(seed: int, least_vehicles: int, most_vehicles: int, kind: str | N
     random = np.random.default_rng(seed)
     kind = kind or str(random.choice(sorted(KINDS)))
     vehicles = int(random.integers(least_vehicles, most_vehicles + 1))
-    site = SiteBrief(object_min_enu_m=(0.0, 0.0, 0.0), object_max_enu_m=SIZE_M, ground_up_m=0.0)
-    mission = _mission(vehicles, seed)
-    lower, upper = geofence(mission, site)
-    grid = VoxelGrid.unknown(lower, upper, VOXEL_M)
-    grid.state[:] = FREE
+    site, mission = _site(), _mission(vehicles, seed)
     solid = np.zeros(tuple(round(s / VOXEL_M) for s in SIZE_M), dtype=np.bool_)
     KINDS[kind](solid, random)
-    first = np.round((np.zeros(3) - grid.origin_enu_m) / VOXEL_M).astype(int)
-    inner = tuple(slice(a, a + n) for a, n in zip(first, solid.shape, strict=True))
-    grid.state[inner][solid] = OCCUPIED
+    grid = _grid(mission, site, solid)
     field = VoxelField.from_grid(grid)
     count = int(vehicles * random.integers(2, 6))
     return World(kind, mission, site, grid, field, _views(mission, site, field, count, random))
+
+
+def world_with(vehicles: int, carve: Callable[[Solid], None], views_enu_m: Array) -> World:
+    """A world made by hand: a solid block of SIZE_M of which `carve` takes passages out, and views."""
+    site, mission = _site(), _mission(vehicles, 1)
+    solid = np.ones(tuple(round(s / VOXEL_M) for s in SIZE_M), dtype=np.bool_)
+    carve(solid)
+    grid = _grid(mission, site, solid)
+    return World("by hand", mission, site, grid, VoxelField.from_grid(grid), views_enu_m)
+
+
+def _site() -> SiteBrief:
+    return SiteBrief(object_min_enu_m=(0.0, 0.0, 0.0), object_max_enu_m=SIZE_M, ground_up_m=0.0)
+
+
+def _grid(mission: Mission, site: SiteBrief, solid: Solid) -> VoxelGrid:
+    """The structure in the geofence, everything else free."""
+    grid = VoxelGrid.unknown(*geofence(mission, site), VOXEL_M)
+    grid.state[:] = FREE
+    first = np.round((np.zeros(3) - grid.origin_enu_m) / VOXEL_M).astype(int)
+    inner = tuple(slice(a, a + n) for a, n in zip(first, solid.shape, strict=True))
+    grid.state[inner][solid] = OCCUPIED
+    return grid
 
 
 def _mission(vehicles: int, seed: int) -> Mission:
@@ -102,7 +119,7 @@ def _cells(metres: float) -> int:
     return round(metres / VOXEL_M)
 
 
-def _bore(solid: Solid, a: Array, b: Array, width_m: float = BORE_M) -> None:
+def bore(solid: Solid, a: Array, b: Array, width_m: float = BORE_M) -> None:
     """Take a straight, axis-parallel passage out of the solid, from a to b (metres, its middle line)."""
     half = 0.5 * width_m
     lo = np.round((np.minimum(a, b) - half) / VOXEL_M).astype(int)
@@ -116,11 +133,11 @@ def _tunnels(solid: Solid, random: Random) -> None:
     solid[:] = True
     for x in np.arange(4.0, SIZE_M[0] - 3.0, 8.0):
         z, deep = float(random.uniform(3.0, 6.5)), float(random.uniform(10.0, 21.0))
-        _bore(solid, np.array([x, 0.0, z]), np.array([x, deep, z]))
+        bore(solid, np.array([x, 0.0, z]), np.array([x, deep, z]))
         if random.random() < 0.6:
             aside = x + float(random.choice([-3.5, 3.5]))
             y = float(random.uniform(5.0, deep))
-            _bore(solid, np.array([x, y, z]), np.array([aside, y, z]))
+            bore(solid, np.array([x, y, z]), np.array([aside, y, z]))
 
 
 def _corridors(solid: Solid, random: Random) -> None:
@@ -128,8 +145,8 @@ def _corridors(solid: Solid, random: Random) -> None:
     solid[:] = True
     z, y = float(random.uniform(3.0, 6.0)), float(random.uniform(6.0, 18.0))
     for x in (6.0, 18.0, 30.0):
-        _bore(solid, np.array([x, 0.0, z]), np.array([x, SIZE_M[1], z]))
-    _bore(solid, np.array([6.0, y, z]), np.array([30.0, y, z]))
+        bore(solid, np.array([x, 0.0, z]), np.array([x, SIZE_M[1], z]))
+    bore(solid, np.array([6.0, y, z]), np.array([30.0, y, z]))
 
 
 def _walls(solid: Solid, random: Random) -> None:
@@ -140,7 +157,7 @@ def _walls(solid: Solid, random: Random) -> None:
         solid[:, _cells(y):_cells(y + 1.0)] = True
         for _ in range(int(random.integers(1, 3)) if y < 23.0 else 0):
             x, z = float(random.uniform(4.0, SIZE_M[0] - 4.0)), float(random.uniform(3.5, 5.5))
-            _bore(solid, np.array([x, y, z]), np.array([x, y + 1.0, z]))
+            bore(solid, np.array([x, y, z]), np.array([x, y + 1.0, z]))
 
 
 def _slots(solid: Solid, random: Random) -> None:
@@ -158,7 +175,7 @@ def _courtyard(solid: Solid, random: Random) -> None:
     solid[:] = True
     solid[_cells(8.0):_cells(28.0), _cells(4.0):_cells(20.0), :-_cells(1.0)] = False
     x = float(random.uniform(10.0, 26.0))
-    _bore(solid, np.array([x, 0.0, 3.5]), np.array([x, 4.5, 3.5]))
+    bore(solid, np.array([x, 0.0, 3.5]), np.array([x, 4.5, 3.5]))
 
 
 def _blocks(solid: Solid, random: Random) -> None:

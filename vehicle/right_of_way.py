@@ -30,7 +30,7 @@ EVER = 1 << 30
 SAME_PLACE_M = 1e-3
 RETREATS = 5
 """Of the trail's last places so many are tried: where it leads to and fro, straight from here is shorter."""
-ASK_AFTER_NS, CROSS_NS = 4 * NS, 20 * NS
+ASK_AFTER_NS, CROSS_NS = 10 * NS, 40 * NS
 """Most waits end by themselves. After the first a vehicle asks for its way, after the second nobody crosses it."""
 ASIDES = 3
 """So often a vehicle moves aside for the same wait of another one; after that it goes back along its trail."""

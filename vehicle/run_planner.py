@@ -36,7 +36,7 @@ class RunPlanner:
 
     def __init__(self, avoidance: Avoidance, rules: RightOfWayRules) -> None:
         self._avoidance, self._rules = avoidance, rules
-        self._key: tuple[bytes, Limits, int, int] | None = None
+        self._key: tuple[bytes, Limits, int, int, int] | None = None
         self._clear = 0
         self._points = np.zeros((0, 3))
         self._flights: dict[int, Flight] = {}
@@ -71,7 +71,8 @@ class RunPlanner:
         aims = np.array([(now.yaw_enu_rad, now.gimbal_elevation_rad, 0.0, 0.0),
                          *((v.yaw_rad, v.elevation_rad, v.settle_s, v.speed_m_s) for v in vias)])
         version = self._avoidance.version
-        key = (points.tobytes() + aims.tobytes(), limits, version.map, version.hits)
+        dead = len(self._avoidance.teammates.dead())
+        key = (points.tobytes() + aims.tobytes(), limits, version.map, version.hits, dead)
         if key != self._key:
             self._key, self._flights, self._points = key, {}, points
             self._clear = self._avoidance.clear_legs(points)

@@ -81,7 +81,9 @@ class Teammate:
     @property
     def end(self) -> Array:
         """(3,) where it will rest."""
-        return np.array(self.positions_at(np.array([max(0, self.end_ns())]))[0])
+        if len(self.points) and (self.alive or self.state is None):
+            return np.asarray(self.points[-1])
+        return np.array(self.positions_at(np.zeros(1, dtype=np.int64))[0])
 
 
 @dataclass(frozen=True)
