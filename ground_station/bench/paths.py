@@ -23,11 +23,11 @@ from rich.progress import track
 from rich.table import Table
 
 from ground_station.bench.path_worlds import CLEARANCE_M, PASSAGES, Query, in_structure, made_up
+from ground_station.bench.sampling import MAX_ITERATIONS, sampled_path
 from missions.errors import UserError
 from missions.frames import Array
 from planning.paths import MeshField, NoPath, ObstacleField, VoxelField, plan_path
 from planning.paths.replan import straightened
-from planning.paths.sampling import MAX_ITERATIONS, sampled_path
 from planning.paths.thesis import way_round
 
 OURS, THESIS = "lattice", "thesis"
