@@ -25,8 +25,8 @@ ROUNDS = 40
 class Effort:
     """How long to search. The result depends on `iterations` and `chains`, never on the number of processors."""
 
-    iterations: int = 200_000
-    """Ruins per chain; 5 to 8 microseconds each."""
+    iterations: int | None = None
+    """Ruins per chain, 5 to 8 microseconds each; None: 100,000, and 200 for each view."""
     chains: int = 4
     """Independent searches with seeds of their own, run on threads; the best is taken."""
     time_limit_s: float | None = None
@@ -56,7 +56,7 @@ def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: float) -> 
         scale = min(float(chain.cost[2]) for chain in chains)
         if not scale > 0.0:
             return
-        for iterations, first, last in _rounds(effort):
+        for iterations, first, last in _rounds(effort, len(tables.near)):
             heat = [scale * hot * (COLD / hot) ** share for share in (first, last)]
             list(pool.map(lambda chain, n=iterations, h=heat: _anneal(tables, chain, n, h[0], h[1]), chains))
 
@@ -66,11 +66,12 @@ def _anneal(tables: Tables, chain: Chain, iterations: int, hot: float, cold: flo
            chain.nodes, chain.sorties, chain.finish, chain.best, chain.cost, chain.random, iterations, hot, cold)
 
 
-def _rounds(effort: Effort) -> Iterator[tuple[int, float, float]]:
+def _rounds(effort: Effort, views: int) -> Iterator[tuple[int, float, float]]:
     """(iterations, share of the search done before, and after) of each round."""
     if effort.time_limit_s is None:
+        whole = 100_000 + 200 * views if effort.iterations is None else effort.iterations
         for i in range(ROUNDS):
-            yield effort.iterations // ROUNDS, i / ROUNDS, (i + 1) / ROUNDS
+            yield whole // ROUNDS, i / ROUNDS, (i + 1) / ROUNDS
         return
     began, done, iterations = time.perf_counter(), 0.0, 200
     while done < 1.0:
