@@ -32,7 +32,7 @@ from planning.paths.thesis import way_round
 
 OURS, THESIS = "lattice", "thesis"
 OMPL = ("RRTConnect", "RRTstar", "InformedRRTstar", "BITstar", "AORRTC", "BFMT", "KPIECE1", "BKPIECE1")
-"""PRM and PRMstar end by a clock in a thread of their own, so they cannot be bounded by iterations and are left out."""
+"""PRM and PRMstar are left out: bounded by iterations they did not come back."""
 SEED = 1
 
 Knowledge = Literal["mesh", "map"]
