@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from planning.allocate.minmax import Effort, solve
+from planning.allocate.minmax_tables import Warm
 from planning.allocate.problem import Problem, Sorties, Ways, violations
 from planning.allocate.reassign import reassign
 
@@ -122,7 +123,8 @@ def test_it_is_as_good_as_starting_afresh_and_changes_little(event: str) -> None
     elif event == "low battery":
         fleet.percent[1] = 20.0
     problem = fleet.problem(forbidden)
-    found, cold = reassign(problem, fleet.flying, effort=Effort(iterations=10_000)), solve(problem, Effort(iterations=15_000))
+    next_legs = Warm([[own[0][:1]] for own in fleet.flying], locked=[1] * problem.vehicles)
+    found, cold = reassign(problem, fleet.flying), solve(problem, Effort(iterations=15_000), warm=next_legs)
     assert found.allocation.left_over == []
     assert found.allocation.makespan_s <= 1.02 * cold.makespan_s
     moved = sum(1 for view in found.receiver_of_view if view in fleet.owner)

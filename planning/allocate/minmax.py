@@ -17,7 +17,7 @@ from planning.allocate.problem import Allocation, Problem, appraise
 HOT, COLD = 0.02, 1e-4
 """First and last temperature of a cold search, as shares of the makespan."""
 WARM_HOT = 0.002
-"""First temperature of a search that begins with a plan."""
+"""First temperature of every other chain that begins with a plan: these stay near it, the rest may leave it."""
 ROUNDS = 40
 
 
@@ -44,12 +44,12 @@ def solve(problem: Problem, effort: Effort | None = None, seed: int = 0, warm: W
         return appraise(problem, [[[]] for _ in range(problem.vehicles)])
     tables = tables_of(problem, warm)
     chains = [chain_of(tables, seed, number) for number in range(effort.chains)]
-    _search(tables, chains, effort, HOT if warm is None else WARM_HOT)
+    _search(tables, chains, effort, [HOT if warm is None or number % 2 else WARM_HOT for number in range(len(chains))])
     best = min(chains, key=lambda chain: float(chain.cost[1]))
     return appraise(problem, sorties_of(tables, best))
 
 
-def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: float) -> None:
+def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: list[float]) -> None:
     """All chains side by side on threads (the kernels release the interpreter's lock); each touches its own state."""
     with ThreadPoolExecutor(len(chains)) as pool:
         list(pool.map(lambda chain: _anneal(tables, chain, 0, 1.0, 1.0), chains))
@@ -57,8 +57,8 @@ def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: float) -> 
         if not scale > 0.0:
             return
         for iterations, first, last in _rounds(effort, len(tables.near)):
-            heat = [scale * hot * (COLD / hot) ** share for share in (first, last)]
-            list(pool.map(lambda chain, n=iterations, h=heat: _anneal(tables, chain, n, h[0], h[1]), chains))
+            begin, end = ([scale * h * (COLD / h) ** share for h in hot] for share in (first, last))
+            list(pool.map(lambda chain, b, e, n=iterations: _anneal(tables, chain, n, b, e), chains, begin, end))
 
 
 def _anneal(tables: Tables, chain: Chain, iterations: int, hot: float, cold: float) -> None:
