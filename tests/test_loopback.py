@@ -129,7 +129,7 @@ def test_trajectories_are_at_ten_hertz_and_battery_follows_the_path(flown: tuple
             assert speed.max() <= spec.fleet.speed_m_s * (1 + 1e-6)
             spent = tracks[f"uav{k}_battery_percent"][0] - tracks[f"uav{k}_battery_percent"][-1]
             length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-            assert 0.0 < spent < length * spec.battery.percent_per_m
+            assert spent == pytest.approx(length * spec.battery.percent_per_m, rel=0.02)
             assert np.allclose(path[0], path[-1], atol=1e-2)
 
 
@@ -201,7 +201,8 @@ def test_a_vehicle_that_runs_low_hands_its_views_over_and_keeps_their_origin(tmp
     assert record["fleet"]["battery_end_percent"]["1"] > 0.0
     assert set(record["outcomes"].values()) == {"flown"}
     assert record["reassignments"]
-    assert {(r["from"], r["to"], r["reason"]) for r in record["reassignments"]} == {(1, 2, "energy")}
+    assert {(r["from"], r["to"]) for r in record["reassignments"]} == {(1, 2)}
+    assert {"energy"} <= {r["reason"] for r in record["reassignments"]} <= {"energy", "blocked"}
     assert {r["view_id"] for r in record["reassignments"]} <= set(record["tours"]["2"])
 
 
