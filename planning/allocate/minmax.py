@@ -42,21 +42,23 @@ def solve(problem: Problem, effort: Effort | None = None, seed: int = 0, warm: W
     effort = effort or Effort()
     if not problem.views or not problem.vehicles:
         return appraise(problem, [[[]] for _ in range(problem.vehicles)])
+    began_s = time.perf_counter()
     tables = tables_of(problem, warm)
     chains = [chain_of(tables, seed, number) for number in range(effort.chains)]
-    _search(tables, chains, effort, [HOT if warm is None or number % 2 else WARM_HOT for number in range(len(chains))])
+    hot = [HOT if warm is None or number % 2 else WARM_HOT for number in range(len(chains))]
+    _search(tables, chains, effort, hot, began_s)
     best = min(chains, key=lambda chain: float(chain.cost[1]))
     return appraise(problem, sorties_of(tables, best))
 
 
-def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: list[float]) -> None:
+def _search(tables: Tables, chains: list[Chain], effort: Effort, hot: list[float], began_s: float) -> None:
     """All chains side by side on threads (the kernels release the interpreter's lock); each touches its own state."""
     with ThreadPoolExecutor(len(chains)) as pool:
         list(pool.map(lambda chain: _anneal(tables, chain, 0, 1.0, 1.0), chains))
         scale = min(float(chain.cost[2]) for chain in chains)
         if not scale > 0.0:
             return
-        for iterations, first, last in _rounds(effort, len(tables.near)):
+        for iterations, first, last in _rounds(effort, len(tables.near), began_s):
             begin, end = ([scale * h * (COLD / h) ** share for h in hot] for share in (first, last))
             list(pool.map(lambda chain, b, e, n=iterations: _anneal(tables, chain, n, b, e), chains, begin, end))
 
@@ -66,19 +68,20 @@ def _anneal(tables: Tables, chain: Chain, iterations: int, hot: float, cold: flo
            chain.nodes, chain.sorties, chain.finish, chain.best, chain.cost, chain.random, iterations, hot, cold)
 
 
-def _rounds(effort: Effort, views: int) -> Iterator[tuple[int, float, float]]:
+def _rounds(effort: Effort, views: int, began_s: float) -> Iterator[tuple[int, float, float]]:
     """(iterations, share of the search done before, and after) of each round."""
     if effort.time_limit_s is None:
         whole = 100_000 + 200 * views if effort.iterations is None else effort.iterations
         for i in range(ROUNDS):
             yield whole // ROUNDS, i / ROUNDS, (i + 1) / ROUNDS
         return
-    began, done, iterations = time.perf_counter(), 0.0, 200
+    searching_s = max(0.01, began_s + effort.time_limit_s - time.perf_counter())
+    began_s, done, iterations = time.perf_counter(), 0.0, 200
     while done < 1.0:
         before = time.perf_counter()
         ahead = min(1.0, done + 1.0 / ROUNDS)
         yield iterations, done, ahead
         now = time.perf_counter()
-        done = (now - began) / effort.time_limit_s
-        target_s = min(effort.time_limit_s / ROUNDS, began + effort.time_limit_s - now)
+        done = (now - began_s) / searching_s
+        target_s = min(searching_s / ROUNDS, began_s + searching_s - now)
         iterations = max(1, int(iterations * target_s / (now - before)))

@@ -182,8 +182,9 @@ def _nearest(problem: Problem) -> Ints:
     both = way + way.T
     np.fill_diagonal(both, np.inf)
     width = min(NEAR, problem.views - 1)
-    order = np.argsort(both, axis=1, kind="stable")[:, :width]
-    return np.ascontiguousarray(order, dtype=np.int32)
+    near = np.argpartition(both, max(0, width - 1), axis=1)[:, :width]
+    order = np.argsort(np.take_along_axis(both, near, axis=1), axis=1, kind="stable")
+    return np.take_along_axis(near, order, axis=1).astype(np.int32)
 
 
 def _remoteness(problem: Problem) -> Array:
