@@ -34,13 +34,14 @@ COMMANDS = (
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
     Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on given views"),
-    Command("bench", "ground_station.cli:bench", "measure one part: render, allocate, paths, deconflict, energy"),
+    Command("bench", "ground_station.cli:bench", "measure one part: allocate, paths, energy, deconflict, ..."),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
 )
 
 BENCHMARKS = (
     Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
     Command("allocate", "ground_station.allocate.bench:main", "makespans of the methods, on files and as views grow"),
+    Command("reassign", "ground_station.allocate.reassign_bench:main", "what happens in flight, warm and cold"),
     Command("paths", "ground_station.bench.paths:main", "planners in narrow passages and around given structures"),
     Command("replan", "vehicle.replan_bench:main", "what a replan costs on board, around given structures"),
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),

@@ -10,7 +10,7 @@ from missions.frames import Array
 from missions.mission import FleetSpec
 from missions.sensors import fibonacci_directions
 from planning.deconflict import distance_to_polyline_m
-from planning.paths import NoPath, ObstacleField, plan_path
+from planning.paths import NoPath, ObstacleField, plan_path, reachable
 from planning.trajectories import Flight
 from vehicle.sensor_memory import HIT_RADIUS_M, SensorMemory
 from vehicle.teammates import Conflict, Teammates
@@ -27,6 +27,8 @@ ASIDE_STEPS_M = (1.5, 3.0, 4.5, 6.5, 9.0)
 STOPPED_SHORT_M, STEP_SHORT_M = 0.1, 0.01
 CHORD_SHORT_M = 0.03
 """A flight's samples are joined by chords, which cut its blends a little."""
+REFUGE_REACH_M, REFUGE_STEP = 60.0, 3
+"""How far off a refuge may be, and the step in voxels at which places are looked at."""
 REPLAN_REACH_M = (6.0, 16.0)
 """How far around the direct way a detour is looked for, first and then."""
 ESCAPE_STEPS_M = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -144,7 +146,27 @@ class Avoidance:
     def aside(self, position_enu_m: Array, ways: list[Array], t_ns: int) -> Array:
         """(n, 3) places off all these ways and away from all teammates, straight from here, the nearest first."""
         level = DIRECTIONS[np.abs(DIRECTIONS[:, 2]) < 0.5]
-        places = np.concatenate([position_enu_m + d * level for d in ASIDE_STEPS_M])
+        places = self._off(np.concatenate([position_enu_m + d * level for d in ASIDE_STEPS_M]), ways, t_ns)
+        if not len(places):
+            return places
+        need = self._fleet.clearance_m
+        field = self._space(position_enu_m, position_enu_m, ASIDE_STEPS_M[-1])
+        here = np.broadcast_to(position_enu_m, places.shape)
+        return np.asarray(places[field.segments_clear(here, places, need)])
+
+    def refuge(self, position_enu_m: Array, ways: list[Array], t_ns: int) -> Array | None:
+        """(k, 3) the shortest way around resting teammates and whatever corners to a place off all these ways and away
+        from all teammates; None where there is none."""
+        field = self._field(position_enu_m, position_enu_m, REFUGE_REACH_M, self.teammates.resting(t_ns))
+        reach = reachable(field, position_enu_m, self._fleet.clearance_m)
+        voxels = np.argwhere(np.isfinite(reach.distance_m))
+        voxels = voxels[np.all(voxels % REFUGE_STEP == 0, axis=1)]
+        voxels = voxels[np.argsort(reach.distance_m[tuple(voxels.T)], kind="stable")]
+        places = self._off(field.origin + voxels * field.voxel_m, ways, t_ns)
+        return reach.path_to(places[0]) if len(places) else None
+
+    def _off(self, places: Array, ways: list[Array], t_ns: int) -> Array:
+        """Those of the places (n, 3) inside the fence that lie off all these ways and away from all teammates."""
         places = places[np.all((places >= self._lower) & (places <= self._upper), axis=1)]
         others = self.teammates.places(t_ns)
         if len(others):
@@ -152,12 +174,7 @@ class Avoidance:
             places = places[apart >= self.separation_m + SEPARATION_SPARE_M]
         for way in ways:
             places = places[distance_to_polyline_m(places, way) >= self.separation_m + 0.1]
-        if not len(places):
-            return places
-        need = self._fleet.clearance_m
-        field = self._space(position_enu_m, position_enu_m, ASIDE_STEPS_M[-1])
-        here = np.broadcast_to(position_enu_m, places.shape)
-        return np.asarray(places[field.segments_clear(here, places, need)])
+        return places
 
     def _way_in(self, field: ObstacleField, start: Array, goal: Array) -> Array:
         need = self._fleet.clearance_m + REPLAN_SPARE_M

@@ -28,6 +28,9 @@ MAX_LAUNCHES = 40
 DETOUR_SPEED_M_S = 1.5
 """Around things that the map did not show, slow enough to stop within what the sensor sees densely."""
 ASIDE_CANDIDATES = 4
+CORNERED_NS = 45 * NS
+"""Who cannot leave a way that was asked for, neither aside nor back, for so long looks for a place farther off."""
+
 
 class Outcome(Enum):
     """What became of the wish to go somewhere."""
@@ -56,6 +59,7 @@ class Pilot:
         self._news = True
         self._waiting = False
         self._no_way_since: int | None = None
+        self._cornered_since: int | None = None
         self._retry_ns = self._make_way_ns = 0
         self._around_ns = self._around_step_ns = 0
         self._launches = 0
@@ -150,6 +154,7 @@ class Pilot:
         self._make_way_ns = t_ns + RETRY_NS
         asked = self.rules.in_the_way(here)
         if asked is None:
+            self._cornered_since = None
             self._behalf(None, [])
             return False
         rank, ways = asked
@@ -161,6 +166,8 @@ class Pilot:
         for place in self.trail.back:
             if self.avoidance.clear(here, place) and self._yield_to(place, t_ns):
                 return True
+        if self._take_refuge(ways, here, t_ns):
+            return True
         self._behalf(rank, [here, *self.trail.back[:1]])
         return False
 
@@ -258,6 +265,26 @@ class Pilot:
         self._launches -= 1
         return True
 
+    def _take_refuge(self, ways: list[Array], here: Array, t_ns: int) -> bool:
+        """Who has been cornered for long flies towards the nearest place off all ways that were asked for."""
+        if self._cornered_since is None:
+            self._cornered_since = t_ns
+        if t_ns - self._cornered_since < CORNERED_NS:
+            return False
+        self._cornered_since = t_ns - CORNERED_NS + AROUND_AGAIN_NS
+        way = self.avoidance.refuge(here, ways, t_ns)
+        if way is None:
+            return False
+        now = self.simulator.at(t_ns)
+        vias = [Via(p, now.yaw_enu_rad, now.gimbal_elevation_rad, stop=n == len(way) - 1) for n, p in enumerate(way)]
+        plan = self._planner.plan(now, vias[1:], self.limits, t_ns)
+        if plan.flight is None:
+            return False
+        self.detour = [*way[len(plan.points) - 1::-1], *self.detour]
+        self._launch(plan.flight, plan.points, t_ns)
+        self.reaches_ns = []
+        return True
+
     def _launch(self, flight: Flight, points: list[Array], t_ns: int) -> None:
         self._way = np.array([self.position(t_ns), *points])
         self.simulator.fly(flight, t_ns)
@@ -268,7 +295,7 @@ class Pilot:
         self._launches += 1
         self.rules.on_behalf = None
         self._checked, self._check_ns = self.avoidance.version, t_ns
-        self._waiting, self._no_way_since = False, None
+        self._waiting, self._no_way_since, self._cornered_since = False, None, None
         self._retry_ns = self._make_way_ns = 0
 
     def _behalf(self, rank: Rank | None, path: list[Array]) -> None:

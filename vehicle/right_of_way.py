@@ -7,10 +7,12 @@ inheritance; after Okumura et al., "Priority Inheritance with Backtracking", Art
 sets out into a way that somebody with a better rank has asked for.
 
 Why this ends: flights never pass a place where another one rests or will rest (Teammates.conflicts, ends=True), so the
-vehicle that flew last can always fly its last leg back while the others rest, then the one before it, until all hover
-over their pads, from where the first in rank finds its way free (Cap, Novak, Kleiner and Selecky, "Prioritized Planning
+vehicle that flew last can fly its last leg back while the others rest, then the one before it, until all hover over
+their pads, from where the first in rank finds its way free (Cap, Novak, Kleiner and Selecky, "Prioritized Planning
 Algorithms for Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 12(3), 2015: well-formed
-infrastructures).
+infrastructures). Steps aside and short cuts of the trail break that order, so that two may stand in each other's way
+back. Who has been cornered so for long flies to the nearest place off all ways that were asked for, wherever it is.
+That is no proof; `swarmscan bench deconflict` is the test.
 """
 
 from __future__ import annotations
