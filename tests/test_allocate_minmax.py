@@ -1,4 +1,4 @@
-"""Min-max tours: the optimum where it can be enumerated; everything that a problem may ask for kept, whatever it asks."""
+"""Min-max tours: the optimum where it can be enumerated; all that a problem may ask for kept, whatever it asks."""
 
 from __future__ import annotations
 
