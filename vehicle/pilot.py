@@ -28,6 +28,7 @@ MAX_LAUNCHES = 40
 DETOUR_SPEED_M_S = 1.5
 """Around things that the map did not show, slow enough to stop within what the sensor sees densely."""
 ASIDE_CANDIDATES = 4
+CLEAR_OUT_AGAIN_NS = 2 * NS
 CORNERED_NS = 45 * NS
 """Who cannot leave a way that was asked for, neither aside nor back, for so long looks for a place farther off."""
 
@@ -60,7 +61,7 @@ class Pilot:
         self._waiting = False
         self._no_way_since: int | None = None
         self._cornered_since: int | None = None
-        self._retry_ns = self._make_way_ns = 0
+        self._retry_ns = self._make_way_ns = self._clear_out_ns = 0
         self._around_ns = self._around_step_ns = 0
         self._launches = 0
         self._narrow = self._careful = self._fresh_rest = False
@@ -90,6 +91,8 @@ class Pilot:
         here = self._rest(t_ns)
         if self._launches > MAX_LAUNCHES:
             return self._give_up("too many attempts", t_ns)
+        if self.rules.leaves_the_air_to_another(t_ns) or (self.rules.begins_anew(t_ns) and not self._at_hover(here)):
+            return self._clear_out(here, t_ns)
         self._cut_short(here, vias[0])
         plan = self._planner.plan(self.simulator.at(t_ns), *self._run(vias), t_ns)
         if plan.flight is not None:
@@ -152,6 +155,8 @@ class Pilot:
             return False
         here = self._rest(t_ns)
         self._make_way_ns = t_ns + RETRY_NS
+        if self.rules.leaves_the_air_to_another(t_ns) and self._clear_out(here, t_ns) is Outcome.FLYING:
+            return True
         asked = self.rules.in_the_way(here)
         if asked is None:
             self._cornered_since = None
@@ -273,14 +278,33 @@ class Pilot:
             return False
         self._cornered_since = t_ns - CORNERED_NS + AROUND_AGAIN_NS
         way = self.avoidance.refuge(here, ways, t_ns)
-        if way is None:
-            return False
+        return way is not None and self._fly_way(way, t_ns, come_back=True)
+
+    def _at_hover(self, here: Array) -> bool:
+        return self.trail.home is not None and bool(np.abs(self.trail.home - here).max() < SAME_PLACE_M)
+
+    def _clear_out(self, here: Array, t_ns: int) -> Outcome:
+        """To the hover point by whatever way is free, and stay there."""
+        self._retry_ns, self._waiting = t_ns + RETRY_NS, True
+        if t_ns < self._clear_out_ns or self.trail.home is None or self._at_hover(here):
+            return Outcome.WAITING
+        self._clear_out_ns = t_ns + CLEAR_OUT_AGAIN_NS
+        try:
+            way = self.avoidance.way(here, self.trail.home, t_ns, around_resting=True)
+        except NoPath:
+            return Outcome.WAITING
+        self.detour = []
+        return Outcome.FLYING if self._fly_way(way, t_ns, come_back=False) else Outcome.WAITING
+
+    def _fly_way(self, way: Array, t_ns: int, come_back: bool) -> bool:
+        """As much of a way (k, 3) as is free; back along it afterwards, or anew from there."""
         now = self.simulator.at(t_ns)
         vias = [Via(p, now.yaw_enu_rad, now.gimbal_elevation_rad, stop=n == len(way) - 1) for n, p in enumerate(way)]
         plan = self._planner.plan(now, vias[1:], self.limits, t_ns)
         if plan.flight is None:
             return False
-        self.detour = [*way[len(plan.points) - 1::-1], *self.detour]
+        if come_back:
+            self.detour = [*way[len(plan.points) - 1::-1], *self.detour]
         self._launch(plan.flight, plan.points, t_ns)
         self.reaches_ns = []
         return True

@@ -12,7 +12,8 @@ their pads, from where the first in rank finds its way free (Cap, Novak, Kleiner
 Algorithms for Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 12(3), 2015: well-formed
 infrastructures). Steps aside and short cuts of the trail break that order, so that two may stand in each other's way
 back. Who has been cornered so for long flies to the nearest place off all ways that were asked for, wherever it is.
-That is no proof; `swarmscan bench deconflict` is the test.
+When somebody has waited for two minutes all the others go back to their hover points, whoever finds a way there first,
+and stay until it is where it wanted to be; after four it goes back too. `swarmscan bench deconflict` is the test.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ RETREATS = 5
 """Of the trail's last places so many are tried: where it leads to and fro, straight from here is shorter."""
 ASK_AFTER_NS, CROSS_NS = 10 * NS, 40 * NS
 """Most waits end by themselves. After the first a vehicle asks for its way, after the second nobody crosses it."""
+CLEAR_OUT_NS = 120 * NS
+"""Whoever waits for longer than this is alone in the air: all the others go back to their hover points, if need be it
+too, to begin anew from there."""
 ASIDES = 3
 """So often a vehicle moves aside for the same wait of another one; after that it goes back along its trail."""
 
@@ -51,12 +55,20 @@ class Trail:
     def note(self, passed: list[Array], rest_enu_m: Array) -> None:
         """A flight has ended: the corners that it passed, and where the vehicle rests now."""
         for point in [*passed, rest_enu_m]:
+            if self._points and _same(self._points[0], point):
+                self._points = [point]
+                continue
             back = next((n for n in range(1, min(RETREATS + 1, len(self._points)) + 1)
                          if _same(self._points[-n], point)), None)
             if back is None:
                 self._points.append(point)
             else:
                 del self._points[len(self._points) - back + 1:]
+
+    @property
+    def home(self) -> Array | None:
+        """The hover point; None on the ground."""
+        return self._points[0] if self._points else None
 
     @property
     def back(self) -> list[Array]:
@@ -106,6 +118,15 @@ class RightOfWayRules:
     def ask_for(self, rank: Rank, path: list[Array]) -> None:
         """For the way out of somebody's way."""
         self.on_behalf = _request(path, rank)
+
+    def leaves_the_air_to_another(self, t_ns: int) -> bool:
+        """Whether somebody with a better rank has waited for so long that all others go to their hover points."""
+        others = [r for r, _ in self._teammates.before(self.rank) if r.vehicle_id != self._id]
+        return bool(others) and t_ns - others[0].since_ns > CLEAR_OUT_NS
+
+    def begins_anew(self, t_ns: int) -> bool:
+        """Whether the own wait has lasted so long that the others' leaving has not helped."""
+        return self.wants is not None and t_ns - self.wants.since_ns > 2 * CLEAR_OUT_NS
 
     def refuses(self, flight: Flight, t_ns: int) -> bool:
         """Whether this flight ends in a way that somebody with a better rank has asked for, or crosses one that was
