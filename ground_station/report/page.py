@@ -64,7 +64,8 @@ def summary(data: RunData, metrics: dict[str, Any]) -> str:
         text += f", with {metrics['collisions'] or 'no'} collision{'' if metrics['collisions'] == 1 else 's'}"
     text += "."
     if fleet["views_reassigned"]:
-        text += f" {fleet['views_reassigned']} views were handed over to another vehicle."
+        one = fleet["views_reassigned"] == 1
+        text += f" {fleet['views_reassigned']} view{' was' if one else 's were'} handed over to another vehicle."
     complete, within = metrics["c2c"]["completeness"]["0.25"], metrics["c2m"]["within_2cm"]
     if complete is not None:
         text += (f" The cloud made from them covers {percent(complete)} of the true surface within 25 cm, "
