@@ -37,8 +37,8 @@ from vehicle.simulator import NS
 from vehicle.vehicle import Vehicle
 
 TICK_NS, LATENCY_NS = 100_000_000, 10_000_000
-STUCK_NS = 180 * NS
-"""Nobody has moved for so long: a deadlock."""
+STUCK_NS = 900 * NS
+"""Nobody has moved for so long, well beyond the waits after which vehicles give the air to one: a deadlock."""
 MAX_NS = 7200 * NS
 PASS_M = 0.25
 ATTEMPTS = 3

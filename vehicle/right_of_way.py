@@ -12,8 +12,8 @@ their pads, from where the first in rank finds its way free (Cap, Novak, Kleiner
 Algorithms for Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 12(3), 2015: well-formed
 infrastructures). Steps aside and short cuts of the trail break that order, so that two may stand in each other's way
 back. Who has been cornered so for long flies to the nearest place off all ways that were asked for, wherever it is.
-When somebody has waited for two minutes all the others go back to their hover points, whoever finds a way there first,
-and stay until it is where it wanted to be; after four it goes back too. `swarmscan bench deconflict` is the test.
+When somebody has waited for ten minutes all the others go back to their hover points, whoever finds a way there first,
+and stay until it is where it wanted to be; after twenty it goes back too. `swarmscan bench deconflict` is the test.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ RETREATS = 5
 """Of the trail's last places so many are tried: where it leads to and fro, straight from here is shorter."""
 ASK_AFTER_NS, CROSS_NS = 10 * NS, 40 * NS
 """Most waits end by themselves. After the first a vehicle asks for its way, after the second nobody crosses it."""
-CLEAR_OUT_NS = 120 * NS
+CLEAR_OUT_NS = 600 * NS
 """Whoever waits for longer than this is alone in the air: all the others go back to their hover points, if need be it
 too, to begin anew from there."""
 ASIDES = 3
