@@ -21,7 +21,7 @@ from missions.clock import GROUND, SimClock
 from missions.frames import Site
 from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
-from missions.process import process_parser, run_process
+from missions.process import process_parser, run_process, uninterrupted
 from missions.run_folder import RunFolder
 
 HEARD: tuple[topics.Topic[Any], ...] = (
@@ -71,9 +71,10 @@ def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
             recorder.note(turn.t_ns, "the clock was stopped before the mission was over")
         clock.leave()
     finally:
-        recorder.write(fleet.t_ns)
-        ingest.close()
-        run.write_process_record(GROUND, messages_sent=bus.sent)
+        with uninterrupted():
+            recorder.write(fleet.t_ns)
+            ingest.close()
+            run.write_process_record(GROUND, messages_sent=bus.sent)
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:

@@ -28,7 +28,9 @@ from planning.trajectories.power import fit
 log = logging.getLogger(__name__)
 
 BUILT_IN_SCENES = ("bridge", "building", "statue", "powerline")
-GRACE_S = 5.0
+GRACE_S = 30.0
+"""Between asking a process to end and killing it: it may be in a long computation on a busy machine, and what it has
+not written then is lost."""
 POLL_S = 0.1
 STAGES = ("reconstruct", "evaluate", "report")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

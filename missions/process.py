@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from missions.errors import SwarmscanError, UserError
@@ -27,6 +29,18 @@ def run_process(body: Callable[[], int | None]) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """The last writing of a process that ends: SIGINT and SIGTERM, which may come twice or late, do not break it off."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, previous, strict=True):
+            signal.signal(number, handler)
 
 
 def process_parser(prog: str, description: str) -> argparse.ArgumentParser:
