@@ -33,7 +33,7 @@ def run_process(body: Callable[[], int | None]) -> int:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """The last writing of a process that ends: SIGINT and SIGTERM, which may come twice or late, do not break it off."""
+    """The last writing of a process that ends: SIGINT and SIGTERM, which may come late or twice, do not stop it."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
     try:
