@@ -153,7 +153,7 @@ class Campaign:
         for k, v in self.alive.items():
             v.executor.step(self.t_ns)
             wake = min(wake, v.executor.wake_ns or wake)
-            announcement = v.pilot.announcement(self.t_ns)
+            announcement = v.pilot.helm.announcement(self.t_ns)
             if announcement is not None:
                 self.mail.append(announcement)
             if not self.curves[k] or self.curves[k][-1][1] is not v.simulator.flight.curve:

@@ -146,8 +146,8 @@ class Executor:
 
     def _watch(self, t_ns: int) -> None:
         if self.mode in (TAKEOFF, LAND):
-            self.pilot.look_out_for_teammates(t_ns)
-        elif self.mode != EMERGENCY and self.pilot.look_ahead(t_ns):
+            self.pilot.helm.look_out_for_teammates(t_ns)
+        elif self.mode != EMERGENCY and self.pilot.helm.look_ahead(t_ns):
             self._passing, self._target = [], None
             self.outbox.texts.append("leg blocked, braking")
 
@@ -157,7 +157,7 @@ class Executor:
     def _takeoff(self, t_ns: int) -> None:
         if np.allclose(self.pilot.position(t_ns), self.hover, atol=1e-3):
             self.mode = MISSION
-            self.pilot.trail.begin(self.hover)
+            self.pilot.helm.trail.begin(self.hover)
             self.pilot.arrived()
         else:
             self._vertical_leg(self.hover, t_ns)
@@ -217,7 +217,7 @@ class Executor:
 
     def _depart(self) -> None:
         """Remember which waypoints this flight passes, and at which it ends."""
-        first, reaches_ns = self.progress.index, self.pilot.reaches_ns
+        first, reaches_ns = self.progress.index, self.pilot.helm.reaches_ns
         self._passing = [(t, first + n) for n, t in enumerate(reaches_ns[:-1])]
         self._target = first + len(reaches_ns) - 1 if reaches_ns else None
 
@@ -270,7 +270,7 @@ class Executor:
         return self.mode == RETURN and self.progress.left and self.battery.level_percent > self._spec.threshold_percent
 
     def _halt(self, t_ns: int, mode: str) -> None:
-        self.pilot.stop(t_ns)
+        self.pilot.helm.stop(t_ns)
         self.pilot.arrived()
         self.mode, self._passing, self._target, self._last = mode, [], None, None
 

@@ -55,11 +55,11 @@ class Trail:
     def note(self, passed: list[Array], rest_enu_m: Array) -> None:
         """A flight has ended: the corners that it passed, and where the vehicle rests now."""
         for point in [*passed, rest_enu_m]:
-            if self._points and _same(self._points[0], point):
+            if self._points and same_place(self._points[0], point):
                 self._points = [point]
                 continue
             back = next((n for n in range(1, min(RETREATS + 1, len(self._points)) + 1)
-                         if _same(self._points[-n], point)), None)
+                         if same_place(self._points[-n], point)), None)
             if back is None:
                 self._points.append(point)
             else:
@@ -165,5 +165,6 @@ def _request(path: list[Array], rank: Rank) -> RightOfWay:
     return RightOfWay(path_enu_m=[vector(p) for p in path], since_ns=rank.since_ns, vehicle_id=rank.vehicle_id)
 
 
-def _same(a: Array, b: Array) -> bool:
-    return bool(np.abs(a - b).max() < SAME_PLACE_M)
+def same_place(a_enu_m: Array, b_enu_m: Array) -> bool:
+    """Whether two places are one but for rounding."""
+    return bool(np.abs(a_enu_m - b_enu_m).max() < SAME_PLACE_M)

@@ -209,7 +209,7 @@ class Vehicle:
             self._send(topics.LEG_REPORT, LegReport(
                 plan_id=self._accepted.plan_id if self._accepted is not None else 0, view_id=view_id,
                 outcome="unreachable", detail="the camera gave no picture"))
-        announcement = self.pilot.announcement(t_ns)
+        announcement = self.pilot.helm.announcement(t_ns)
         if announcement is not None:
             self._send(topics.ANNOUNCED, announcement)
         now = self.simulator.at(t_ns)
