@@ -46,6 +46,7 @@ BENCHMARKS = (
     Command("replan", "vehicle.replan_bench:main", "what a replan costs on board, around given structures"),
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
     Command("trajectories", "ground_station.bench.trajectories:main", "views passed or stopped at; legs and flights"),
+    Command("depth", "ground_station.bench.depth:main", "depth of exploration pictures beside true depth"),
     Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),
 )
 

@@ -1,0 +1,137 @@
+"""`swarmscan bench depth`: depth of exploration pictures beside true depth, along walks over the view lattice.
+
+`python -m sim_bridge.depth_walks` takes the pictures and writes the truth apart from them; depth is estimated online,
+one move after the other, from the pictures alone, before the truth is opened.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from ground_station.bench.depth_page import Shown, write_page
+from ground_station.bench.depth_scores import Pixels, Row, counted, judged, summary
+from missions.errors import UserError
+from missions.walks import Walks, truth_path, walks_path
+from perception.depth.depth_map import DepthMap
+from perception.depth.pictures import PictureDepths
+from perception.warm_up import warm_up
+
+BUILT_IN = ("bridge", "building", "powerline", "statue")
+FIELDS = {"answered": "answered", "abs_rel": "abs rel", "delta_1_25": "δ<1.25", "abs_rel_all": "abs rel, all",
+          "delta_1_25_all": "δ<1.25, all", "answered_thin": "thin answered", "abs_rel_thin": "thin abs rel",
+          "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the benchmark; returns the exit code."""
+    options = _parse(argv)
+    warm_up()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = options.data or Path(scratch)
+        _take_pictures(folder, options)
+        results = [evaluate(folder, scene) for scene in track(options.scenes, "depth", console=Console(stderr=True),
+                                                              disable=options.json)]
+    rows = [row for row, _, _ in results]
+    pixels = Pixels.joined([p for _, p, _ in results])
+    if len(rows) > 1:
+        pictures = sum(row.pictures for row in rows)
+        rows.append(summary("all", pictures, pixels, sum(row.cpu_seconds * row.pictures for row in rows) / pictures))
+    if options.page:
+        write_page(options.page, rows, pixels, [shown for _, _, shown in results])
+    if options.json:
+        json.dump([asdict(row) for row in rows], sys.stdout, indent=2)
+        sys.stdout.write("\n")
+    else:
+        Console(width=None if sys.stdout.isatty() else 160).print(_table(rows))
+    return 0
+
+
+def evaluate(folder: Path, scene: str) -> tuple[Row, Pixels, list[Shown]]:
+    """Depth of all pictures of a scene's walks against the truth."""
+    walks = msgspec.msgpack.decode(walks_path(folder, scene).read_bytes(), type=Walks)
+    start = time.process_time()
+    depths = estimated(walks)
+    cpu_seconds = (time.process_time() - start) / len(walks.shots)
+    with np.load(truth_path(folder, scene)) as truth:
+        true, on_object = truth["depth_m"], truth["on_object"]
+    rays_m = np.linalg.norm(walks.camera.rays_camera(), axis=-1)
+    parts, shown = [], []
+    for i, depth in enumerate(depths):
+        count = counted(true[i], rays_m, walks.sensing_range_m)
+        parts.append(judged(depth, true[i], on_object[i], count))
+        if depth is not None:
+            shown.append(Shown(scene, i, picture(walks.jpegs[i]), true[i], depth, count))
+    pixels = Pixels.joined(parts)
+    return summary(scene, len(depths), pixels, cpu_seconds), pixels, shown
+
+
+def estimated(walks: Walks) -> list[DepthMap | None]:
+    """Depth of every picture as it stands after its walk, the pictures having come in move by move."""
+    depths: list[DepthMap | None] = []
+    for _, group in itertools.groupby(zip(walks.shots, walks.jpegs, strict=True), key=lambda pair: pair[0].walk):
+        online = PictureDepths()
+        for shot, jpeg in group:
+            online.add(picture(jpeg), walks.camera, shot.pose)
+            if shot.key:
+                online.update()
+        depths += [online.depth(i) for i in range(len(online))]
+    return depths
+
+
+def picture(jpeg: bytes) -> np.typing.NDArray[np.uint8]:
+    """(h, w, 3) RGB."""
+    bgr = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise UserError("a picture of the walks cannot be decoded; take the pictures anew.")
+    return np.asarray(bgr[..., ::-1], np.uint8)
+
+
+def _take_pictures(folder: Path, options: argparse.Namespace) -> None:
+    missing = [s for s in options.scenes if not (walks_path(folder, s).is_file() and truth_path(folder, s).is_file())]
+    if not missing:
+        return
+    numbers = [f"--{name}={getattr(options, name)}" for name in ("walks", "moves", "seed")]
+    done = subprocess.run([sys.executable, "-m", "sim_bridge.depth_walks", str(folder), "--scenes", *missing, *numbers])
+    if done.returncode:
+        raise UserError("the pictures could not be taken; the message above says why.")
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="swarmscan bench depth", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", default=list(BUILT_IN), help="built-in structures, family:NAME:SEED, or "
+                        "files (default: the built-in structures)")
+    parser.add_argument("--walks", type=int, default=2, help="walks per scene (default %(default)s)")
+    parser.add_argument("--moves", type=int, default=7, help="lattice moves per walk (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of the walks and the sensor noise (default %(default)s)")
+    parser.add_argument("--data", type=Path, help="folder that keeps pictures and truth for the next run; scenes that "
+                        "it already holds are not walked anew")
+    parser.add_argument("--page", type=Path, help="write the worst pictures and the curves to this HTML page")
+    parser.add_argument("--json", action="store_true", help="one JSON document instead of a table")
+    return parser.parse_args(argv)
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    table = Table(title="Depth against true depth within the sensing range")
+    table.add_column("scene")
+    for heading in FIELDS.values():
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(row.scene, *(f"{getattr(row, name):.3f}" for name in FIELDS))
+    return table
