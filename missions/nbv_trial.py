@@ -86,7 +86,7 @@ class Choice(_Message, frozen=True, kw_only=True):
 
     vehicle: int
     index: Index5
-    """One of the candidates."""
+    """One of the candidates; or where the vehicle is, to wait until another vehicle has arrived somewhere."""
     predicted_gain: float = 0.0
     """Expected new surface of this view, m^2 (0 where the method has no such notion)."""
     coverage_estimate: float = 0.0
