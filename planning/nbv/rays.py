@@ -27,8 +27,8 @@ def _axis(start, direction):
 
 
 @nb.njit(cache=True)
-def _inside(shape, i, j, k):
-    return 0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]
+def _inside(shape, cell):
+    return 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1] and 0 <= cell[2] < shape[2]
 
 
 @nb.njit(cache=True)
@@ -48,29 +48,42 @@ def box_span(start, direction, lower, upper):
 
 
 @nb.njit(cache=True)
+def _walk(start, direction):
+    """A walk along a ray: the first cell, ray lengths to its walls, ray lengths between walls, steps; one per axis."""
+    i, tx, dx, si = _axis(start[0], direction[0])
+    j, ty, dy, sj = _axis(start[1], direction[1])
+    k, tz, dz, sk = _axis(start[2], direction[2])
+    return (i, j, k), (tx, ty, tz), (dx, dy, dz), (si, sj, sk)
+
+
+@nb.njit(cache=True)
+def _next(cell, walls, spans, steps):
+    """The next cell of a walk, the ray length at which it is entered, and ray lengths to its walls."""
+    (i, j, k), (tx, ty, tz) = cell, walls
+    if tx <= ty and tx <= tz:
+        return (i + steps[0], j, k), tx, (tx + spans[0], ty, tz)
+    if ty <= tz:
+        return (i, j + steps[1], k), ty, (tx, ty + spans[1], tz)
+    return (i, j, k + steps[2]), tz, (tx, ty, tz + spans[2])
+
+
+@nb.njit(cache=True)
 def ray_gain(label, chance, value, start, direction, reach, flat_reach):
     """Expected sum over the voxels along one ray of value * min(d, flat_reach)^2, in voxel^2 per steradian.
 
     chance[label] is the probability that a voxel stops the ray, value[label] what it is worth when it does.
     """
-    i, tx, dx, si = _axis(start[0], direction[0])
-    j, ty, dy, sj = _axis(start[1], direction[1])
-    k, tz, dz, sk = _axis(start[2], direction[2])
+    cell, walls, spans, steps = _walk(start, direction)
     t, through, gain = 0.0, 1.0, 0.0
     while t < reach and through > 0.02:
-        if _inside(label.shape, i, j, k):
-            here = label[i, j, k]
+        if _inside(label.shape, cell):
+            here = label[cell]
             p = chance[here]
             if p > 0.0:
                 d = min(t + 0.5, flat_reach)
                 gain += through * p * value[here] * d * d
                 through *= 1.0 - p
-        if tx <= ty and tx <= tz:
-            t, tx, i = tx, tx + dx, i + si
-        elif ty <= tz:
-            t, ty, j = ty, ty + dy, j + sj
-        else:
-            t, tz, k = tz, tz + dz, k + sk
+        cell, t, walls = _next(cell, walls, spans, steps)
     return gain
 
 
@@ -98,38 +111,24 @@ def view_gains(label, chance, value, starts, directions, lower, upper, reach, fl
 def mark_rays(label, chance, seen, start, directions, reach, least):
     """Set seen[voxel] = True for every voxel that rays from start reach with probability of at least `least`."""
     for r in range(len(directions)):
-        i, tx, dx, si = _axis(start[0], directions[r, 0])
-        j, ty, dy, sj = _axis(start[1], directions[r, 1])
-        k, tz, dz, sk = _axis(start[2], directions[r, 2])
+        cell, walls, spans, steps = _walk(start, directions[r])
         t, through = 0.0, 1.0
         while t < reach and through >= least:
-            if _inside(label.shape, i, j, k):
-                seen[i, j, k] = True
-                through *= 1.0 - chance[label[i, j, k]]
-            if tx <= ty and tx <= tz:
-                t, tx, i = tx, tx + dx, i + si
-            elif ty <= tz:
-                t, ty, j = ty, ty + dy, j + sj
-            else:
-                t, tz, k = tz, tz + dz, k + sk
+            if _inside(label.shape, cell):
+                seen[cell] = True
+                through *= 1.0 - chance[label[cell]]
+            cell, t, walls = _next(cell, walls, spans, steps)
 
 
 @nb.njit(cache=True)
 def first_hit(state, wanted, start, direction, reach):
     """Ray length at which the first voxel with the wanted state is entered; inf when there is none within reach."""
-    i, tx, dx, si = _axis(start[0], direction[0])
-    j, ty, dy, sj = _axis(start[1], direction[1])
-    k, tz, dz, sk = _axis(start[2], direction[2])
+    cell, walls, spans, steps = _walk(start, direction)
     t = 0.0
     while t < reach:
-        if _inside(state.shape, i, j, k) and state[i, j, k] == wanted:
+        if _inside(state.shape, cell) and state[cell] == wanted:
             return t
-        if tx <= ty and tx <= tz:
-            t, tx, i = tx, tx + dx, i + si
-        elif ty <= tz:
-            t, ty, j = ty, ty + dy, j + sj
-        else:
-            t, tz, k = tz, tz + dz, k + sk
+        cell, t, walls = _next(cell, walls, spans, steps)
     return np.inf
 
 
@@ -150,17 +149,10 @@ def segment_blocked(state, free, start, end, tolerance):
     reach = length - tolerance
     if reach <= 0.0:
         return False
-    i, tx, dx, si = _axis(start[0], direction[0] / length)
-    j, ty, dy, sj = _axis(start[1], direction[1] / length)
-    k, tz, dz, sk = _axis(start[2], direction[2] / length)
+    cell, walls, spans, steps = _walk(start, direction / length)
     t = 0.0
     while t < reach:
-        if not _inside(state.shape, i, j, k) or state[i, j, k] != free:
+        if not _inside(state.shape, cell) or state[cell] != free:
             return True
-        if tx <= ty and tx <= tz:
-            t, tx, i = tx, tx + dx, i + si
-        elif ty <= tz:
-            t, ty, j = ty, ty + dy, j + sj
-        else:
-            t, tz, k = tz, tz + dz, k + sk
+        cell, t, walls = _next(cell, walls, spans, steps)
     return False
