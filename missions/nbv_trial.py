@@ -7,7 +7,7 @@ Vehicles are numbered from 1.
 
 from __future__ import annotations
 
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import msgspec
 import numpy as np
@@ -115,26 +115,26 @@ ToMethod = TrialBrief | Frame | Ask
 FromMethod = Answer | Failure
 
 
-def write_message(stream: BinaryIO, message: ToMethod | FromMethod) -> None:
+def write_message(stream: IO[bytes], message: ToMethod | FromMethod) -> None:
     """One message as msgpack, behind its length in four bytes."""
     body = msgspec.msgpack.encode(message, enc_hook=_encoded_array)
     stream.write(len(body).to_bytes(LENGTH_BYTES, "big") + body)
     stream.flush()
 
 
-def read_to_method(stream: BinaryIO) -> ToMethod | None:
+def read_to_method(stream: IO[bytes]) -> ToMethod | None:
     """The next message from the tester; None when it has closed the stream. Raises ProtocolError."""
     message: ToMethod | None = _read(stream, _TO_METHOD)
     return message
 
 
-def read_from_method(stream: BinaryIO) -> FromMethod | None:
+def read_from_method(stream: IO[bytes]) -> FromMethod | None:
     """The next message from the method; None when its process has gone. Raises ProtocolError."""
     message: FromMethod | None = _read(stream, _FROM_METHOD)
     return message
 
 
-def _read(stream: BinaryIO, decoder: msgspec.msgpack.Decoder[Any]) -> Any:
+def _read(stream: IO[bytes], decoder: msgspec.msgpack.Decoder[Any]) -> Any:
     head = stream.read(LENGTH_BYTES)
     if not head:
         return None

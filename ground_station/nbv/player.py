@@ -9,7 +9,7 @@ import os
 import resource
 import sys
 import time
-from typing import BinaryIO
+from typing import IO
 
 from ground_station.nbv.methods import Method, make_method
 from missions.errors import ProtocolError, SwarmscanError, UserError
@@ -28,7 +28,7 @@ def main() -> int:
     return 0
 
 
-def play(stream: BinaryIO, out: BinaryIO) -> None:
+def play(stream: IO[bytes], out: IO[bytes]) -> None:
     """One trial."""
     brief = read_to_method(stream)
     if not isinstance(brief, TrialBrief):

@@ -30,6 +30,7 @@ class Score:
     """Simulated time of each key pose."""
     metres: list[float] = field(default_factory=list)
     """What all vehicles together had flown by then, completed legs only."""
+    visited: list[Index5] = field(default_factory=list)
     collisions: int = 0
     """Legs that came nearer to the scene than the vehicle's radius."""
     unsafe_views: int = 0
@@ -51,6 +52,7 @@ class Score:
         self.curve.append(arena.share(self.covered))
         self.seconds.append(seconds)
         self.metres.append(flown)
+        self.visited.append(index)
 
     def seconds_to(self, share_of_ceiling: float) -> float | None:
         """When coverage reached this share of the ceiling; None if never."""
