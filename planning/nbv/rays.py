@@ -17,18 +17,19 @@ FAR = 1e30
 
 @nb.njit(cache=True)
 def _axis(start, direction):
-    """Along one axis: cell, ray length to its wall, ray length between walls, step."""
-    cell = np.int64(math.floor(start))
+    """Along one axis: voxel, ray length to its wall, ray length between walls, step."""
+    voxel = np.int64(math.floor(start))
     if direction > 1e-12:
-        return cell, (cell + 1.0 - start) / direction, 1.0 / direction, 1
+        return voxel, (voxel + 1.0 - start) / direction, 1.0 / direction, 1
     if direction < -1e-12:
-        return cell, (cell - start) / direction, -1.0 / direction, -1
-    return cell, FAR, FAR, 0
+        return voxel, (voxel - start) / direction, -1.0 / direction, -1
+    return voxel, FAR, FAR, 0
 
 
 @nb.njit(cache=True)
-def _inside(shape, cell):
-    return 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1] and 0 <= cell[2] < shape[2]
+def inside(shape, voxel):
+    """Whether a voxel (i, j, k) is one of the grid's."""
+    return 0 <= voxel[0] < shape[0] and 0 <= voxel[1] < shape[1] and 0 <= voxel[2] < shape[2]
 
 
 @nb.njit(cache=True)
@@ -48,8 +49,8 @@ def box_span(start, direction, lower, upper):
 
 
 @nb.njit(cache=True)
-def _walk(start, direction):
-    """A walk along a ray: the first cell, ray lengths to its walls, ray lengths between walls, steps; one per axis."""
+def walk(start, direction):
+    """A walk along a ray: the first voxel, ray lengths to its walls, ray lengths between walls, steps; one per axis."""
     i, tx, dx, si = _axis(start[0], direction[0])
     j, ty, dy, sj = _axis(start[1], direction[1])
     k, tz, dz, sk = _axis(start[2], direction[2])
@@ -57,9 +58,9 @@ def _walk(start, direction):
 
 
 @nb.njit(cache=True)
-def _next(cell, walls, spans, steps):
-    """The next cell of a walk, the ray length at which it is entered, and ray lengths to its walls."""
-    (i, j, k), (tx, ty, tz) = cell, walls
+def next_voxel(voxel, walls, spans, steps):
+    """The next voxel of a walk, the ray length at which it is entered, and ray lengths to its walls."""
+    (i, j, k), (tx, ty, tz) = voxel, walls
     if tx <= ty and tx <= tz:
         return (i + steps[0], j, k), tx, (tx + spans[0], ty, tz)
     if ty <= tz:
@@ -73,17 +74,17 @@ def ray_gain(label, chance, value, start, direction, reach, flat_reach):
 
     chance[label] is the probability that a voxel stops the ray, value[label] what it is worth when it does.
     """
-    cell, walls, spans, steps = _walk(start, direction)
+    voxel, walls, spans, steps = walk(start, direction)
     t, through, gain = 0.0, 1.0, 0.0
     while t < reach and through > 0.02:
-        if _inside(label.shape, cell):
-            here = label[cell]
+        if inside(label.shape, voxel):
+            here = label[voxel]
             p = chance[here]
             if p > 0.0:
                 d = min(t + 0.5, flat_reach)
                 gain += through * p * value[here] * d * d
                 through *= 1.0 - p
-        cell, t, walls = _next(cell, walls, spans, steps)
+        voxel, t, walls = next_voxel(voxel, walls, spans, steps)
     return gain
 
 
@@ -111,24 +112,24 @@ def view_gains(label, chance, value, starts, directions, lower, upper, reach, fl
 def mark_rays(label, chance, seen, start, directions, reach, least):
     """Set seen[voxel] = True for every voxel that rays from start reach with probability of at least `least`."""
     for r in range(len(directions)):
-        cell, walls, spans, steps = _walk(start, directions[r])
+        voxel, walls, spans, steps = walk(start, directions[r])
         t, through = 0.0, 1.0
         while t < reach and through >= least:
-            if _inside(label.shape, cell):
-                seen[cell] = True
-                through *= 1.0 - chance[label[cell]]
-            cell, t, walls = _next(cell, walls, spans, steps)
+            if inside(label.shape, voxel):
+                seen[voxel] = True
+                through *= 1.0 - chance[label[voxel]]
+            voxel, t, walls = next_voxel(voxel, walls, spans, steps)
 
 
 @nb.njit(cache=True)
 def first_hit(state, wanted, start, direction, reach):
     """Ray length at which the first voxel with the wanted state is entered; inf when there is none within reach."""
-    cell, walls, spans, steps = _walk(start, direction)
+    voxel, walls, spans, steps = walk(start, direction)
     t = 0.0
     while t < reach:
-        if _inside(state.shape, cell) and state[cell] == wanted:
+        if inside(state.shape, voxel) and state[voxel] == wanted:
             return t
-        cell, t, walls = _next(cell, walls, spans, steps)
+        voxel, t, walls = next_voxel(voxel, walls, spans, steps)
     return np.inf
 
 
@@ -149,10 +150,10 @@ def segment_blocked(state, free, start, end, tolerance):
     reach = length - tolerance
     if reach <= 0.0:
         return False
-    cell, walls, spans, steps = _walk(start, direction / length)
+    voxel, walls, spans, steps = walk(start, direction / length)
     t = 0.0
     while t < reach:
-        if not _inside(state.shape, cell) or state[cell] != free:
+        if not inside(state.shape, voxel) or state[voxel] != free:
             return True
-        cell, t, walls = _next(cell, walls, spans, steps)
+        voxel, t, walls = next_voxel(voxel, walls, spans, steps)
     return False
