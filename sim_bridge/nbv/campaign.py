@@ -12,6 +12,7 @@ from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from missions.errors import SwarmscanError, UserError
@@ -107,7 +108,8 @@ def outcomes(runs: list[Run], campaign: Campaign, jobs: int) -> Iterator[tuple[R
 
 def play(run: Run, campaign: Campaign) -> Row:
     """One run. Raises UserError or ProtocolError."""
-    arena, rules = _arena(run.scene, campaign.rules), campaign.rules
+    rules = campaign.rules
+    arena = _arena(run.scene, msgspec.json.encode(rules))
     begin = time.perf_counter()
     brief = arena.brief(run.method, run.start, run.vehicles, campaign.options)
     before = [arena.step_before(start, run.start) for start in brief.starts]
@@ -149,9 +151,9 @@ def _mean(values: list[float]) -> float:
 
 
 @lru_cache(maxsize=1)
-def _arena(scene: str, rules: Rules) -> Arena:
+def _arena(scene: str, rules_json: bytes) -> Arena:
     """The scene at hand: runs come ordered by scene."""
-    return make_arena(scene, rules)
+    return make_arena(scene, msgspec.json.decode(rules_json, type=Rules))
 
 
 def _limit_threads(threads: int) -> None:
