@@ -48,6 +48,17 @@ def read_views(path: Path) -> list[View]:
     return views
 
 
+def write_views(poses: list[Pose], path: Path) -> Path:
+    """Write views with yaw and elevation, numbered from 1; returns the path."""
+    with path.open("w", newline="", encoding="utf-8") as f:
+        writer = csv.writer(f)
+        writer.writerow(("view_id", *PLACE, *ANGLES))
+        for number, pose in enumerate(poses, start=1):
+            angles = (math.degrees(pose.yaw_enu_rad), math.degrees(pose.elevation_rad))
+            writer.writerow([number, *(f"{v:.6f}" for v in (*pose.position_enu_m, *angles))])
+    return path
+
+
 def _view(path: Path, line: int, row: dict[str, str]) -> View:
     try:
         east, north, up = (float(row[c]) for c in PLACE)

@@ -24,12 +24,16 @@ class SceneSpec(_Section, frozen=True, kw_only=True):
     """The true world. Only sim_bridge reads this section; the planners never see the scene."""
 
     name: str = "bridge"
-    """A built-in structure (bridge, building, statue, powerline); ignored when path is given."""
+    """A built-in structure (bridge, building, statue, powerline) or a member of a procedural family
+    (family:NAME:SEED, see missions/scene_names.py); ignored when path is given."""
     path: str = ""
     """A GLB/OBJ/PLY/STL file, or a folder laid out as in the thesis's Figure 4.2; relative to the working directory."""
     seed: int = 1
+    """Of the textures and surroundings of a built-in structure; a family's scene has its seed in its name."""
     units_per_metre: Positive = 1.0
     """How many units of the file make a metre (1000 for a model in millimetres)."""
+    up: Literal["y", "z"] = "z"
+    """The file's axis that points up. With "y", (x, y, z) becomes (x, -z, y), as in Blender."""
     surroundings: bool = True
 
 

@@ -91,7 +91,7 @@ def pixel_rays(camera: Tensor, h: int, w: int) -> Tensor:
 
 
 def project(points: Tensor, source_from_target: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
-    """(b, h, w, 2) where points (b, h, w, 3) fall in the source, -1 to 1 across the picture; (b, h, w) which lie ahead."""
+    """(b, h, w, 2) where points (b, h, w, 3) fall in the source, -1 to 1 across it; (b, h, w) which lie ahead."""
     r, t = source_from_target[:, :3, :3], source_from_target[:, :3, 3]
     local = torch.einsum("bij,bhwj->bhwi", r, points) + t[:, None, None]
     z = local[..., 2:].clamp(min=1e-4)

@@ -19,6 +19,7 @@ from sim_bridge.scenes.surroundings import PREFIX
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
 GREY = (168, 166, 162)
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 Array = NDArray[np.float64]
 Box = tuple[Array, Array]
@@ -34,11 +35,12 @@ class Imported:
     notes: list[str]
 
 
-def import_parts(path: Path, units_per_metre: float) -> Imported:
+def import_parts(path: Path, units_per_metre: float, up: str = "z") -> Imported:
     """Read a GLB, OBJ, PLY or STL file, or a folder with one OBJ and bbox/*_bounds.obj.
 
-    Coordinates stay as they are in the file (z up), divided by units_per_metre. Raises UserError.
+    Coordinates stay as they are in the file, turned if y is up in it, divided by units_per_metre. Raises UserError.
     """
+    turn = Y_UP if up == "y" else np.eye(4)
     file = _mesh_file(path)
     assets, repairs = Assets(file.parent), Repairs()
     world = _read(file, assets)
@@ -49,7 +51,7 @@ def import_parts(path: Path, units_per_metre: float) -> Imported:
         transform, geometry = world.graph[node]
         mesh = world.geometry[geometry]
         if isinstance(mesh, trimesh.Trimesh):
-            part = _part(str(geometry), mesh, transform, units_per_metre, pictures, repairs)
+            part = _part(str(geometry), mesh, turn @ transform, units_per_metre, pictures, repairs)
             if len(part.faces):
                 parts.append(part)
     if not parts:
@@ -60,7 +62,7 @@ def import_parts(path: Path, units_per_metre: float) -> Imported:
     notes = [*repairs.notes(), *assets.notes(), *pictures.notes()]
     if bare:
         notes.append(f"{bare} of {len(parts)} parts have no texture; a procedural one is put on them")
-    return Imported(file.stem, parts, _stated_bounds(path, units_per_metre), notes)
+    return Imported(file.stem, parts, _stated_bounds(path, units_per_metre, turn), notes)
 
 
 class Pictures:
@@ -160,7 +162,7 @@ def _rgb(values: Any) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _stated_bounds(path: Path, units_per_metre: float) -> Box | None:
+def _stated_bounds(path: Path, units_per_metre: float, turn: Array) -> Box | None:
     """The object's box from bbox/*_bounds.obj, where a folder has one."""
     files = sorted(path.glob("bbox/*bounds.obj")) if path.is_dir() else []
     if not files:
@@ -168,4 +170,5 @@ def _stated_bounds(path: Path, units_per_metre: float) -> Box | None:
     corners = _read(files[0], Assets(files[0].parent)).bounds
     if corners is None or not np.isfinite(corners).all() or (corners[1] - corners[0] <= 0).any():
         raise UserError(f"{files[0]}: the object's box has no size; export the box again or delete the file.")
-    return corners[0] / units_per_metre, corners[1] / units_per_metre
+    corners = corners @ turn[:3, :3].T / units_per_metre
+    return corners.min(axis=0), corners.max(axis=0)
