@@ -52,7 +52,7 @@ def _plan_paths(grid: VoxelGrid) -> None:
     corners, faces = np.array([[5.0, 0.0, 0.0], [5.0, 4.0, 0.0], [5.0, 0.0, 8.0]]), np.array([[0, 1, 2]])
     model = MeshField.from_mesh(corners, faces, voxelised(corners, faces, np.zeros(3), SIZE_M, 1.0))
     model.with_spheres(start, 0.2).segments_clear(start, goal, CLEARANCE_M)
-    model.finer(np.zeros(3), SIZE_M, 1.0)
+    model.finer(np.stack([start, goal]), 8.0, CLEARANCE_M)
     wall = np.array([[[5.0, 0.0, 0.0], [6.0, 4.0, 8.0]]])
     connect(start, goal, wall, np.zeros(3), SIZE_M, step_m=4.0, iterations=50, seed=1)
 

@@ -128,7 +128,7 @@ class Avoidance:
         self.replans += 1
         teammates = self.teammates.resting(t_ns) if around_resting else NO_PLACES
         failure = NoPath("search")
-        for reach in REPLAN_REACH_M:
+        for reach in REPLAN_REACH_M if self.memory.ends_at_box else REPLAN_REACH_M[-1:]:
             field = self._field(start_enu_m, goal_enu_m, reach, teammates)
             try:
                 return self._way_in(field, start_enu_m, goal_enu_m)

@@ -120,6 +120,11 @@ class SensorMemory:
         part = VoxelGrid(grid.origin_enu_m + lo * grid.voxel_m, grid.voxel_m, state)
         return VoxelField.from_grid(part).with_spheres(near, HIT_RADIUS_M)
 
+    @property
+    def ends_at_box(self) -> bool:
+        """Whether a `field` of a larger box may show more ways: a prior model is the same in all of them."""
+        return self._prior is None
+
     def hits_clear(self, way_enu_m: Array, clearance_m: float) -> bool:
         """Whether a polyline (k, 3) keeps this distance from all that the sensor has hit and the map does not hold."""
         lower, upper = way_enu_m.min(axis=0) - clearance_m, way_enu_m.max(axis=0) + clearance_m

@@ -41,14 +41,20 @@ class ObstacleField(Protocol):
     def with_spheres(self, centers_enu_m: Array, radius_m: Array | float) -> Self:
         """The same field with spheres (m, 3) of one radius or (m,) radii added: sensor hits, teammates."""
 
-    def finer(self, lower_enu_m: Array, upper_enu_m: Array, exact_m: float) -> Self | None:
-        """The same obstacles in a box with a finer lattice, exact up to exact_m; None where nothing finer is known."""
+    def finer(self, ends_enu_m: Array, around_m: float, clearance_m: float) -> Self | None:
+        """The same obstacles in the box around two ends (2, 3) with a finer lattice, which may show a way between them
+        that keeps clearance_m; None where nothing finer is known or there certainly is no such way there."""
 
     def clearance_m(self, points_enu_m: Array) -> Array:
         """(n,) metres from points (n, 3) to the nearest obstacle; never more than true."""
 
     def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
         """(n,) whether the clearance along each segment from a (n, 3) to b (n, 3) stays at least clearance_m."""
+
+    def lattice_verdicts(self, a_enu_m: Array, b_enu_m: Array,
+                         clearance_m: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """As segments_clear, from the lattice alone: (n,) whether each segment is clear, and (n,) whether only a closer
+        look can tell."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ class VoxelField:
         """As ObstacleField says."""
         return replace(self, spheres=np.concatenate([self.spheres, sphere_rows(centers_enu_m, radius_m)]))
 
-    def finer(self, lower_enu_m: Array, upper_enu_m: Array, exact_m: float) -> None:
+    def finer(self, ends_enu_m: Array, around_m: float, clearance_m: float) -> None:
         """As ObstacleField says: nothing finer than the voxels is known."""
 
     def clearance_m(self, points_enu_m: Array) -> Array:
@@ -88,6 +94,12 @@ class VoxelField:
         """As ObstacleField says."""
         a, b = paired(a_enu_m, b_enu_m)
         return np.asarray(kernels.segments_clear(a, b, clearance_m, *self._arrays))
+
+    def lattice_verdicts(self, a_enu_m: Array, b_enu_m: Array,
+                         clearance_m: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """As ObstacleField says: the lattice decides all."""
+        clear = self.segments_clear(a_enu_m, b_enu_m, clearance_m)
+        return clear, np.zeros_like(clear)
 
     @property
     def _arrays(self) -> tuple[Any, ...]:

@@ -204,13 +204,13 @@ def surely_blocked(a: Array, b: Array, need: float, distance: NDArray[np.float32
                    voxel: float) -> NDArray[np.bool_]:
     """Whether segments from a (n, 3) to b (n, 3) certainly come nearer than `need`. Distances above 0 must be exact
     up to `need`; 0 is a voxel that the surface touches, less than 0 is inside."""
-    out = np.zeros(a.shape[0], np.bool_)
+    out, node = np.zeros(a.shape[0], np.bool_), np.empty(3, np.int64)
     shape = distance.shape
     for n in range(a.shape[0]):
         length = math.sqrt((b[n, 0] - a[n, 0]) ** 2 + (b[n, 1] - a[n, 1]) ** 2 + (b[n, 2] - a[n, 2]) ** 2)
         count = int(length / (0.5 * voxel)) + 1
         for m in range(count + 1):
-            away, node = 0.0, np.empty(3, np.int64)
+            away = 0.0
             for axis in range(3):
                 g = (a[n, axis] + (b[n, axis] - a[n, axis]) * m / count - origin[axis]) / voxel
                 node[axis] = min(max(0, round(g)), shape[axis] - 1)

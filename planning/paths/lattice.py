@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from missions.frames import Array
 from planning.paths import kernels, search_kernels
@@ -23,10 +22,11 @@ def lattice_path(field: ObstacleField, ends_enu_m: Array, clearance_m: float, bo
     first, room = _cut_out(field, clearance_m, box_enu_m)
     seeds, seed_m = _joined(field, ends_enu_m[0], clearance_m, first, room.shape)
     exits, exit_m = _joined(field, ends_enu_m[1], clearance_m, first, room.shape)
-    if not _may_connect(room >= clearance_m, seeds, exits):
+    starts, ends = (np.ravel_multi_index(tuple(points.T), room.shape) for points in (seeds, exits))
+    if not search_kernels.connected(room, clearance_m, starts, ends):
         raise NoPath("search")
     unit = field.voxel_m / search_kernels.AXIS
-    starts, start_costs = np.ravel_multi_index(tuple(seeds.T), room.shape), np.round(seed_m / unit).astype(np.int64)
+    start_costs = np.round(seed_m / unit).astype(np.int64)
     cost, came = search_kernels.search(room, clearance_m + EDGE_SPARE_M, field.voxel_m, starts, start_costs,
                                        exits[int(np.argmin(exit_m))])
     reached = cost[tuple(exits.T)]
@@ -35,13 +35,6 @@ def lattice_path(field: ObstacleField, ends_enu_m: Array, clearance_m: float, bo
     last = exits[int(np.argmin(np.where(reached < 0, np.inf, reached * unit + exit_m)))]
     inner = field.origin + (first + _corners(search_kernels.walk_back(came, *(int(c) for c in last)))) * field.voxel_m
     return np.concatenate([ends_enu_m[:1], inner, ends_enu_m[1:]])
-
-
-def _may_connect(wide: NDArray[np.bool_], seeds: NDArray[np.int64], exits: NDArray[np.int64]) -> bool:
-    """Whether some seed and some exit (n, 3) lie in one piece of the wide points; searching a large space in vain takes
-    much longer."""
-    pieces, _ = ndimage.label(wide, structure=np.ones((3, 3, 3)))
-    return bool(np.intersect1d(pieces[tuple(seeds.T)], pieces[tuple(exits.T)]).size)
 
 
 def _corners(voxels: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,11 +12,13 @@ from scipy import ndimage
 
 from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, VoxelGrid
-from planning.paths import kernels, mesh_kernels
+from planning.paths import kernels, mesh_kernels, search_kernels
 from planning.paths.fields import NO_SPHERES, VoxelField, paired, sphere_rows
 
 EXACT_BAND_M = 4.0
 """The lattice's distances are exact up to here, and below the truth by less than a voxel's diagonal beyond."""
+EXACT_SPARE_M = 0.5
+"""A finer lattice is exact up to this much more than the clearance asked for."""
 PROBE_M = 1e-3
 FINER = 2
 """How many times closer the points of a finer lattice lie."""
@@ -78,14 +79,17 @@ class MeshField:
         distance[inner] = near
         return cls(distance, voxels.origin, grid.voxel_m, NO_SPHERES, triangles, _hierarchy(vertices_enu_m, faces))
 
-    def finer(self, lower_enu_m: Array, upper_enu_m: Array, exact_m: float) -> MeshField:
-        """As ObstacleField says."""
-        voxel, (low, high) = self.voxel_m / FINER, self._box
-        lower, upper = np.maximum(lower_enu_m, low), np.minimum(upper_enu_m, high)
+    def finer(self, ends_enu_m: Array, around_m: float, clearance_m: float) -> MeshField | None:
+        """As ObstacleField says; exact up to a little beyond the clearance."""
+        voxel, exact, (low, high) = self.voxel_m / FINER, clearance_m + EXACT_SPARE_M, self._box
+        lower = np.maximum(ends_enu_m.min(axis=0) - around_m, low)
+        upper = np.minimum(ends_enu_m.max(axis=0) + around_m, high)
+        if self._walled_off(ends_enu_m, (lower, upper), clearance_m):
+            return None
         shape = tuple(int(n) for n in np.maximum(1, np.floor((upper - lower) / voxel + 1e-9)))
         first = lower + 0.5 * voxel
-        near = np.full(shape, exact_m, dtype=np.float32)
-        mesh_kernels.lower_by_triangles(near, self.triangles, first, voxel, exact_m)
+        near = np.full(shape, exact, dtype=np.float32)
+        mesh_kernels.lower_by_triangles(near, self.triangles, first, voxel, exact)
         mesh_kernels.mark_inside(near, first, voxel, self.distance, self.origin, self.voxel_m, INSIDE)
         distance = np.pad(np.minimum(near, _to_border(shape, voxel)), 1)
         return replace(self, distance=distance, origin=first - voxel, voxel_m=voxel)
@@ -98,8 +102,8 @@ class MeshField:
         """As ObstacleField says; exact within EXACT_BAND_M of the surface."""
         points = np.ascontiguousarray(points_enu_m, dtype=np.float64).reshape(-1, 3)
         least = kernels.clearances(points, self.distance, self.origin, self.voxel_m, NO_SPHERES)
-        for m in np.flatnonzero(least < EXACT_BAND_M - self.voxel_m):
-            least[m] = max(least[m], self._exact(points[m]))
+        near = np.flatnonzero((least < EXACT_BAND_M - self.voxel_m) & self._in_the_box(points, 0.0))
+        least[near] = np.maximum(least[near], self._exact(points[near]))
         if len(self.spheres):
             gap = np.linalg.norm(points[:, None] - self.spheres[None, :, :3], axis=2) - self.spheres[:, 3]
             least = np.clip(gap.min(axis=1), 0.0, least)
@@ -108,38 +112,61 @@ class MeshField:
     def segments_clear(self, a_enu_m: Array, b_enu_m: Array, clearance_m: float) -> NDArray[np.bool_]:
         """As ObstacleField says; where the lattice does not decide, FCL sweeps a sphere along the segment."""
         a, b = paired(a_enu_m, b_enu_m)
+        clear, undecided = self.lattice_verdicts(a, b, clearance_m)
+        clear[undecided] = self._swept_clear(a[undecided], b[undecided], clearance_m)
+        return clear
+
+    def lattice_verdicts(self, a_enu_m: Array, b_enu_m: Array,
+                         clearance_m: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """As ObstacleField says."""
+        a, b = paired(a_enu_m, b_enu_m)
         clear = kernels.segments_clear(a, b, clearance_m, self.distance, self.origin, self.voxel_m, self.spheres)
-        open_ends = self._in_the_box(a, clearance_m) & self._in_the_box(b, clearance_m)
-        open_ends &= kernels.clear_of_spheres(a, b, clearance_m, self.spheres)
-        open_ends &= ~clear
-        open_ends[open_ends] = ~kernels.surely_blocked(a[open_ends], b[open_ends], clearance_m, self.distance,
+        undecided = ~clear & self._in_the_box(a, clearance_m) & self._in_the_box(b, clearance_m)
+        undecided[undecided] = kernels.clear_of_spheres(a[undecided], b[undecided], clearance_m, self.spheres)
+        undecided[undecided] = ~kernels.surely_blocked(a[undecided], b[undecided], clearance_m, self.distance,
                                                        self.origin, self.voxel_m)
-        for m in np.flatnonzero(open_ends):
-            clear[m] = not self._touches(a[m], b[m], clearance_m) and self._outside(a[m], clearance_m)
-        return np.asarray(clear)
+        return clear, undecided
 
-    def _exact(self, point: Array) -> float:
-        """Metres to the surface or the box; 0 inside."""
-        if not self._in_the_box(point[None], 0.0)[0]:
-            return 0.0
-        probe = fcl.CollisionObject(fcl.Sphere(PROBE_M), fcl.Transform(point))
-        gap = max(0.0, float(fcl.distance(probe, self.surface, fcl.DistanceRequest(), fcl.DistanceResult())) + PROBE_M)
+    def _exact(self, points: Array) -> Array:
+        """(n,) metres from points in the box to the surface or the box; 0 inside."""
+        gap = np.empty(len(points))
+        for m, point in enumerate(points):
+            probe = fcl.CollisionObject(fcl.Sphere(PROBE_M), fcl.Transform(point))
+            gap[m] = fcl.distance(probe, self.surface, fcl.DistanceRequest(), fcl.DistanceResult()) + PROBE_M
+        gap = np.maximum(gap, 0.0)
         lower, upper = self._box
-        return min(gap, float(np.minimum(point - lower, upper - point).min())) if self._outside(point, gap) else 0.0
+        border = np.minimum(points - lower, upper - points).min(axis=1)
+        return np.where(self._outside(points, gap), np.minimum(gap, border), 0.0)
 
-    def _touches(self, a: Array, b: Array, radius_m: float) -> bool:
-        length = float(np.linalg.norm(b - a))
-        capsule = fcl.CollisionObject(fcl.Capsule(radius_m, length), fcl.Transform(_along(b - a), 0.5 * (a + b)))
-        return bool(fcl.collide(capsule, self.surface, fcl.CollisionRequest(), fcl.CollisionResult()))
+    def _swept_clear(self, a: Array, b: Array, clearance_m: float) -> NDArray[np.bool_]:
+        """(n,) whether a sphere swept from a to b (n, 3) touches nothing, outside of what is solid."""
+        clear, lengths = np.empty(len(a), dtype=np.bool_), np.linalg.norm(b - a, axis=1)
+        for m, (turn, middle) in enumerate(zip(_along(b - a), 0.5 * (a + b), strict=True)):
+            capsule = fcl.CollisionObject(fcl.Capsule(clearance_m, lengths[m]), fcl.Transform(turn, middle))
+            clear[m] = not fcl.collide(capsule, self.surface, fcl.CollisionRequest(), fcl.CollisionResult())
+        return clear & self._outside(a, np.full(len(a), clearance_m))
 
-    def _outside(self, point: Array, gap_m: float) -> bool:
-        """Whether a point that is known to be gap_m away from the surface is outside: lattice points within that gap
-        are on the same side."""
-        first = np.floor((point - self.origin) / self.voxel_m).astype(int)
-        corners = np.clip(first + CORNERS, 0, np.array(self.distance.shape) - 1)
-        away = np.linalg.norm(self.origin + corners * self.voxel_m - point, axis=1)
-        value = self.distance[tuple(corners.T)]
-        return bool(np.any((away <= gap_m) & (value > 0.0)))
+    def _outside(self, points: Array, gap_m: Array) -> NDArray[np.bool_]:
+        """(n,) whether points (n, 3) that are known to be gap_m (n,) away from the surface are outside: lattice points
+        within that gap are on the same side."""
+        first = np.floor((points - self.origin) / self.voxel_m).astype(np.int64)
+        corners = np.clip(first[:, None] + CORNERS, 0, np.array(self.distance.shape) - 1)
+        away = np.linalg.norm(self.origin + corners * self.voxel_m - points[:, None], axis=2)
+        value = self.distance[tuple(np.moveaxis(corners, 2, 0))]
+        return np.asarray(np.any((away <= gap_m[:, None]) & (value > 0.0), axis=1))
+
+    def _walled_off(self, ends_enu_m: Array, box_enu_m: tuple[Array, Array], clearance_m: float) -> bool:
+        """Whether certainly no way between two ends (2, 3) in a box keeps a clearance: the centres of the voxels that
+        it leads through would keep it but for half a voxel's diagonal."""
+        half_diagonal = kernels.HALF_DIAGONAL * self.voxel_m
+        least = clearance_m - half_diagonal - PROBE_M
+        if not half_diagonal < least < EXACT_BAND_M:
+            return False
+        nodes = np.round((np.concatenate([box_enu_m, ends_enu_m]) - self.origin) / self.voxel_m).astype(np.int64)
+        first, last = nodes[0], nodes[1] + 1
+        room = self.distance[tuple(slice(a, b) for a, b in zip(first, last, strict=True))].copy()
+        start, goal = np.ravel_multi_index(tuple((nodes[2:] - first).T), room.shape)[:, None]
+        return not search_kernels.connected(room, least, start, goal)
 
     def _in_the_box(self, points: Array, margin_m: float) -> NDArray[np.bool_]:
         lower, upper = self._box
@@ -176,13 +203,10 @@ def _hierarchy(vertices_enu_m: Array, faces: NDArray[np.int64]) -> Any:
     return fcl.CollisionObject(model, fcl.Transform())
 
 
-def _along(direction: Array) -> Array:
-    """(3, 3) rotation that turns z into a direction."""
-    length = math.sqrt(float(direction @ direction))
-    if length == 0.0:
-        return np.eye(3)
-    z = direction / length
-    side = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = np.cross(side, z)
-    x /= math.sqrt(float(x @ x))
-    return np.stack([x, np.cross(z, x), z], axis=1)
+def _along(directions: Array) -> Array:
+    """(n, 3, 3) rotations that turn z into directions (n, 3)."""
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    z = np.where(lengths > 0.0, directions / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=1)], z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)

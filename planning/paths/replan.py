@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from missions.frames import Array
+from planning.paths import search_kernels
 from planning.paths.fields import ObstacleField
 from planning.paths.lattice import lattice_path
 from planning.paths.refusal import NoPath
 
 WINDOWS_M = (8.0, np.inf)
 """How far around both ends a way is looked for, first and then."""
-EXACT_SPARE_M = 0.5
 SHORTCUT_POINTS = 32
 SHORTCUT_ROUNDS = 6
 WORTHWHILE = 0.98
@@ -51,7 +51,7 @@ def _way_around(field: ObstacleField, ends: Array, clearance_m: float, box: tupl
             return straightened(field, way, clearance_m)
         except NoPath:
             continue
-    fine = field.finer(low - WINDOWS_M[0], high + WINDOWS_M[0], clearance_m + EXACT_SPARE_M)
+    fine = field.finer(ends, WINDOWS_M[0], clearance_m)
     if fine is None:
         raise NoPath("search")
     return straightened(fine, lattice_path(fine, ends, clearance_m, box), clearance_m)
@@ -67,23 +67,30 @@ def straightened(field: ObstacleField, path: Array, clearance_m: float) -> Array
 
 
 def shortcut(field: ObstacleField, path: Array, clearance_m: float) -> Array:
-    """The cheapest sub-sequence of a path (n, 3), resampled, whose segments are all clear; ends are kept."""
+    """The cheapest sub-sequence of a path (n, 3), resampled, whose segments are all clear; ends are kept.
+
+    What the lattice does not decide is taken for clear until the cheapest sub-sequence uses it, and only then looked at
+    closely: the outcome is the same, for a fraction of the cost (after Bohlin and Kavraki, "Path planning using lazy
+    PRM", 2000).
+    """
     path = _resampled(path, SHORTCUT_POINTS)
     n = len(path)
     i, j = np.triu_indices(n, 1)
-    clear = field.segments_clear(path[i], path[j], clearance_m)
+    clear, undecided = field.lattice_verdicts(path[i], path[j], clearance_m)
     clear |= j == i + 1
-    cost = np.full((n, n), np.inf)
-    cost[i[clear], j[clear]] = np.linalg.norm(path[j[clear]] - path[i[clear]], axis=1) + CORNER_M
-    best, previous = np.zeros(n), np.zeros(n, dtype=int)
-    for b in range(1, n):
-        through = best[:b] + cost[:b, b]
-        previous[b] = int(np.argmin(through))
-        best[b] = through[previous[b]]
-    order = [n - 1]
-    while order[-1] != 0:
-        order.append(int(previous[order[-1]]))
-    return np.asarray(path[order[::-1]])
+    maybe = clear | undecided
+    cost, in_doubt = np.full((n, n), np.inf), np.zeros((n, n), dtype=np.bool_)
+    cost[i[maybe], j[maybe]] = np.linalg.norm(path[j[maybe]] - path[i[maybe]], axis=1) + CORNER_M
+    in_doubt[i, j] = undecided & ~clear
+    while True:
+        order = search_kernels.cheapest_chain(cost)
+        a, b = order[:-1], order[1:]
+        asked = in_doubt[a, b]
+        if not asked.any():
+            return np.asarray(path[order])
+        a, b = a[asked], b[asked]
+        blocked = ~field.segments_clear(path[a], path[b], clearance_m)
+        in_doubt[a, b], cost[a[blocked], b[blocked]] = False, np.inf
 
 
 def _cost_m(path: Array) -> float:

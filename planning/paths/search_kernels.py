@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from missions.frames import Array
 from planning.paths.kernels import chord_clear
 
 AXIS, FACE, CUBE = 29, 41, 50
@@ -76,6 +77,76 @@ def search(clearance: NDArray[np.float32], need: float, voxel: float, seeds: NDA
             cost[v], came[v] = c, d
             _push(v, (c + ahead) % BUCKETS, head, after, before)
     return cost.reshape(clearance.shape), came.reshape(clearance.shape)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def connected(clearance: NDArray[np.float32], need: float, seeds: NDArray[np.int64], exits: NDArray[np.int64]) -> bool:
+    """Whether some of the seeds and some of the exits, flat indices of lattice points, are the same or hang together
+    over neighbours (26) that have `need`.
+
+    Both sides grow in turns, by whole runs of points along the last axis, so that a small closed room is found out soon.
+    """
+    nx, ny, nz = clearance.shape
+    side = np.zeros((nx, ny, nz), np.int8)
+    runs, done, known = np.empty((2, nx * ny * nz, 2), np.int32), np.zeros(2, np.int64), np.zeros(2, np.int64)
+    for s in range(2):
+        for u in seeds if s == 0 else exits:
+            i, j, k = u // (ny * nz), (u // nz) % ny, u % nz
+            if side[i, j, k] == 2 - s:
+                return True
+            side[i, j, k] = s + 1
+            if clearance[i, j, k] >= need:
+                runs[s, known[s]] = u, u
+                known[s] += 1
+    while done[0] < known[0] and done[1] < known[1]:
+        for s in range(2):
+            u, last = runs[s, done[s]]
+            done[s] += 1
+            i, j, k, end = u // (ny * nz), (u // nz) % ny, u % nz, last % nz
+            for x in range(max(0, i - 1), min(nx, i + 2)):
+                for y in range(max(0, j - 1), min(ny, j + 2)):
+                    for z in range(max(0, k - 1), min(nz, end + 2)):
+                        if side[x, y, z] == s + 1 or clearance[x, y, z] < need:
+                            continue
+                        if side[x, y, z] != 0:
+                            return True
+                        line = (x * ny + y) * nz
+                        low, top = _claimed(clearance[x, y], side[x, y], z, need, s + 1)
+                        runs[s, known[s]] = line + low, line + top
+                        known[s] += 1
+    return False
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _claimed(line: NDArray[np.float32], side: NDArray[np.int8], k: int, need: float, mark: int) -> tuple[int, int]:
+    """Mark the unmarked points of a line around k that have `need`; the first and the last of them."""
+    low, top = k, k
+    while low > 0 and side[low - 1] == 0 and line[low - 1] >= need:
+        low -= 1
+    while top < line.shape[0] - 1 and side[top + 1] == 0 and line[top + 1] >= need:
+        top += 1
+    side[low:top + 1] = mark
+    return low, top
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cheapest_chain(cost: Array) -> NDArray[np.int64]:
+    """The indices from 0 to n - 1, in rising order, whose steps cost (n, n) the least in all; inf is no step."""
+    n = cost.shape[0]
+    best, previous = np.full(n, np.inf), np.zeros(n, np.int64)
+    best[0] = 0.0
+    for b in range(1, n):
+        for a in range(b):
+            through = best[a] + cost[a, b]
+            if through < best[b]:
+                best[b], previous[b] = through, a
+    order, last, count = np.empty(n, np.int64), n - 1, 1
+    order[0] = last
+    while last != 0:
+        last = previous[last]
+        order[count] = last
+        count += 1
+    return order[:count][::-1]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
