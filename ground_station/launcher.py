@@ -23,11 +23,11 @@ from missions.mission import Mission
 from missions.mission_file import find_mission, load_mission, write_mission
 from missions.prior_file import load_prior
 from missions.run_folder import RunFolder
+from missions.scene_names import BUILT_IN, check_scene_name, is_scene_name
 from planning.trajectories.power import fit
 
 log = logging.getLogger(__name__)
 
-BUILT_IN_SCENES = ("bridge", "building", "statue", "powerline")
 GRACE_S = 30.0
 """Between asking a process to end and killing it: it may be in a long computation on a busy machine, and what it has
 not written then is lost."""
@@ -178,9 +178,11 @@ def prepare(options: argparse.Namespace) -> tuple[Mission, RunFolder]:
     """The merged mission, written into a fresh run folder; what cannot be flown is refused before anything starts."""
     path = find_mission(options.mission)
     mission = load_mission(path, overrides(options))
-    if options.scene and options.scene not in BUILT_IN_SCENES and not Path(options.scene).exists():
-        raise UserError(f"--scene {options.scene}: neither a file or folder nor one of "
-                        f"{', '.join(BUILT_IN_SCENES)}; check the name.")
+    if options.scene and not is_scene_name(options.scene) and not Path(options.scene).exists():
+        raise UserError(f"--scene {options.scene}: neither a file or folder, nor one of {', '.join(BUILT_IN)}, nor a "
+                        "family's scene such as family:girder_bridge:1; check the name.")
+    if not mission.scene.path:
+        check_scene_name(mission.scene.name)
     if mission.prior_path:
         load_prior(Path(mission.prior_path))
     fit(mission.airframe)
@@ -203,10 +205,13 @@ def overrides(options: argparse.Namespace) -> dict[str, str]:
             raise UserError(f"--set {pair}: no '='; write --set section.field=value.")
         out[key.strip()] = value.strip()
     if options.scene:
-        built_in = options.scene in BUILT_IN_SCENES
-        out["scene.path"] = json.dumps("" if built_in else str(Path(options.scene).resolve()))
-        if built_in:
+        named = is_scene_name(options.scene)
+        out["scene.path"] = json.dumps("" if named else str(Path(options.scene).resolve()))
+        if named:
             out["scene.name"] = json.dumps(options.scene)
+    if options.views:
+        out |= {"explore.enabled": "false", "survey.enabled": "true", "survey.views": '"file"',
+                "survey.views_path": json.dumps(str(Path(options.views).resolve()))}
     if options.vehicles is not None:
         out["fleet.vehicles"] = str(options.vehicles)
     if options.speed is not None:
@@ -218,7 +223,9 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="swarmscan fly", description=__doc__)
     parser.add_argument("mission", help="a mission file, or the name of one in missions/")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.FIELD=VALUE", help="override a field")
-    parser.add_argument("--scene", default="", help="a built-in structure, or a mesh file or scene folder")
+    parser.add_argument("--scene", default="",
+                        help="a built-in structure, family:NAME:SEED, or a mesh file or scene folder")
+    parser.add_argument("--views", default="", metavar="FILE", help="survey these views (CSV) without exploring")
     parser.add_argument("--run", default="", help="run folder (default runs/<UTC time>-<mission>)")
     parser.add_argument("--vehicles", type=int, help="number of vehicles")
     parser.add_argument("--speed", type=float, help="simulated seconds per wall second; 0 is as fast as possible")

@@ -1,4 +1,4 @@
-"""A scene from its mission section: a built-in structure by name, or a file or folder by path."""
+"""A scene from its mission section: a built-in structure or a member of a family by name, or a file or folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from missions.errors import UserError
 from missions.mission import SceneSpec, SiteSpec
+from missions.scene_names import check_scene_name, parse_family
 from sim_bridge.scenes.builtin import BUILT_IN
+from sim_bridge.scenes.families.registry import member_parts
 from sim_bridge.scenes.importer import Box, Imported, import_parts
 from sim_bridge.scenes.repair import selected
 from sim_bridge.scenes.scene import Part, Scene, merged
@@ -30,7 +32,7 @@ def load_scene(spec: SceneSpec, site: SiteSpec) -> Scene:
     The object's box is the site's, else that of bbox/*_bounds.obj, else the mesh's. What lies outside a given box is
     not part of the object. The same spec and site give the same scene, bit by bit. Raises UserError in one sentence.
     """
-    source = import_parts(Path(spec.path), spec.units_per_metre) if spec.path else _built_in(spec)
+    source = import_parts(Path(spec.path), spec.units_per_metre, spec.up) if spec.path else _named(spec)
     where = spec.path or f"scene.name = {spec.name!r}"
     given = _site_bounds(site) or source.bounds
     parts, notes = source.parts, list(source.notes)
@@ -49,12 +51,19 @@ def load_scene(spec: SceneSpec, site: SiteSpec) -> Scene:
     return Scene(source.name, parts, _triple(lo), _triple(hi), up, notes)
 
 
-def _built_in(spec: SceneSpec) -> Imported:
-    if spec.name not in BUILT_IN:
-        known = ", ".join(sorted(BUILT_IN))
-        raise UserError(f"scene.name: there is no built-in structure {spec.name!r}; choose one of: {known}.")
+def _named(spec: SceneSpec) -> Imported:
+    check_scene_name(spec.name)
+    drawn = parse_family(spec.name)
+    if drawn is not None:
+        return Imported(drawn.name, member_parts(drawn), None, [])
     rng = np.random.default_rng([spec.seed, zlib.crc32(spec.name.encode())])
     return Imported(spec.name, BUILT_IN[spec.name](rng), None, [])
+
+
+def _seed(spec: SceneSpec) -> int:
+    """What the surroundings are drawn from: the seed in a family's name, else the mission's."""
+    drawn = None if spec.path else parse_family(spec.name)
+    return spec.seed if drawn is None else drawn.seed
 
 
 def _site_bounds(site: SiteSpec) -> Box | None:
@@ -111,7 +120,7 @@ def _around(spec: SceneSpec, parts: list[Part], lo: Array, hi: Array, up: float)
         reach = min(*(lo[:2] - low[:2]), *(high[:2] - hi[:2]))
         if reach >= OWN_GROUND_REACH_M:
             return []
-    rng = np.random.default_rng([spec.seed, zlib.crc32(b"surroundings")])
+    rng = np.random.default_rng([_seed(spec), zlib.crc32(b"surroundings")])
     made = ground(rng, lo, hi, up, spec.surroundings)
     return made + growth(rng, lo, hi, up) if spec.surroundings else made
 

@@ -1,0 +1,1 @@
+"""Procedural families of structures: parameters drawn from a seed, kinds split into train, validation and test."""

@@ -1,0 +1,52 @@
+"""Parameters of a family: a frozen dataclass whose fields say what they are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import field, fields
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from sim_bridge.scenes.families.body import Body
+
+DRAW = "draw"
+
+
+class Family(Protocol):
+    """A kind of structure; the fields of the dataclass are its parameters."""
+
+    def build(self, rng: np.random.Generator) -> Body:
+        """The structure, along x, standing on z = 0. rng gives what is irregular within one structure."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Self:
+        """One member of the family with parameters drawn in the order of the fields."""
+
+
+class Drawn:
+    """Base of the families: draws every field as its declaration says."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Self:
+        """One member of the family with parameters drawn in the order of the fields."""
+        return cls(**{f.name: f.metadata[DRAW](rng) for f in fields(cls)})  # type: ignore[arg-type]
+
+
+def between(low: float, high: float) -> Any:
+    """A field drawn uniformly between two numbers, to the centimetre or percent."""
+    return _drawn_by(lambda rng: round(float(rng.uniform(low, high)), 2))
+
+
+def whole(low: int, high: int) -> Any:
+    """A field drawn from the whole numbers low to high, both included."""
+    return _drawn_by(lambda rng: int(rng.integers(low, high + 1)))
+
+
+def one_of(*choices: Any) -> Any:
+    """A field drawn from a few values, all equally likely."""
+    return _drawn_by(lambda rng: choices[int(rng.integers(len(choices)))])
+
+
+def _drawn_by(draw: Callable[[np.random.Generator], Any]) -> Any:
+    return field(metadata={DRAW: draw})

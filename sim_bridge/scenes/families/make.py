@@ -1,0 +1,13 @@
+"""One scene of a family by name and seed."""
+
+from __future__ import annotations
+
+from missions.mission import SceneSpec, SiteSpec
+from missions.scene_names import FamilyScene
+from sim_bridge.scenes.load import load_scene
+from sim_bridge.scenes.scene import Scene
+
+
+def make_family(name: str, seed: int) -> Scene:
+    """The scene "family:NAME:SEED" with its ground and surroundings. Raises UserError for an unknown family."""
+    return load_scene(SceneSpec(name=FamilyScene(name, seed).name), SiteSpec())

@@ -1,0 +1,148 @@
+"""Round towers: chimneys, water towers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sim_bridge.scenes.families.body import Body
+from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.shapes import ball, bar, drum, raised, ring, rod
+from sim_bridge.scenes.solids import Solid
+
+
+@dataclass(frozen=True)
+class Chimney(Drawn):
+    """A tapering stack with bands, ladder and working platforms, on a base with a flue."""
+
+    height_m: float = between(26.0, 42.0)
+    foot_m: float = between(2.0, 3.2)
+    """Radius at the foot."""
+    taper: float = between(0.45, 0.75)
+    """Radius at the top over that at the foot."""
+    wall: str = one_of("brick", "concrete", "red")
+    base: str = one_of("square", "drum")
+    bands: int = whole(2, 5)
+    platforms: int = whole(1, 3)
+
+    def build(self, rng: np.random.Generator) -> Body:
+        """The stack with its flue towards +x."""
+        body = Body()
+        plinth = 0.1 * self.height_m
+        if self.base == "square":
+            half = self.foot_m * 1.25
+            body.blocks.add("stone", (-half, -half, 0.0), (half, half, plinth))
+            body.blocks.add("stone", (-half - 0.2, -half - 0.2, plinth), (half + 0.2, half + 0.2, plinth + 0.5))
+        else:
+            body.add("stone", drum([(1.3 * self.foot_m, 0.0), (1.2 * self.foot_m, plinth + 0.5)], sides=40))
+        self._shaft(body, plinth + 0.45)
+        body.blocks.add("concrete", (0.5, -1.1, 0.0), (self.foot_m * 1.3 + 7.0, 1.1, 2.6))
+        for k in range(self.platforms):
+            platform(body, self._radius(z := self.height_m * (0.93 - 0.27 * k)), z)
+        for band in range(self.bands):
+            z = self.height_m * (0.3 + 0.62 * band / self.bands)
+            body.add("trim", drum([(self._radius(z) + 0.05, z), (self._radius(z + 0.3) + 0.05, z + 0.3)], sides=40))
+        body.add_all("trim", ladder(self._radius, -np.pi / 2, plinth + 1.5, self.height_m - 0.5))
+        return body
+
+    def _radius(self, z: float) -> float:
+        return self.foot_m * (1.0 + (self.taper - 1.0) * float(np.power(z / self.height_m, 0.8)))
+
+    def _shaft(self, body: Body, foot: float) -> None:
+        heights = np.linspace(foot, self.height_m - 1.2, 12)
+        crown = self._radius(self.height_m)
+        outside = [(self._radius(z), z) for z in heights]
+        rim = [(crown + 0.22, self.height_m - 0.9), (crown + 0.22, self.height_m), (crown - 0.3, self.height_m),
+               (crown - 0.3, self.height_m - 4.0)]
+        body.add(self.wall, drum([*outside, *rim], sides=48))
+
+
+@dataclass(frozen=True)
+class WaterTower(Drawn):
+    """A tank on braced legs around a riser, or on one concrete shaft."""
+
+    height_m: float = between(22.0, 36.0)
+    tank_m: float = between(4.0, 6.5)
+    """Radius of the tank."""
+    tank: str = one_of("sphere", "conical", "cylinder")
+    support: str = one_of("legs", "legs", "shaft")
+    legs: int = whole(4, 8)
+    tiers: int = whole(3, 4)
+    splay: float = between(1.05, 1.35)
+
+    def build(self, rng: np.random.Generator) -> Body:
+        """The tower."""
+        body = Body()
+        bottom = self._tank(body)
+        platform(body, self.tank_m + 0.05, bottom + 0.3 * self.tank_m if self.tank == "conical" else bottom + 1.0)
+        if self.support == "shaft":
+            body.add("concrete", drum([(2.6, 0.0), (1.5, 3.0), (1.4, bottom + 0.8), (2.0, bottom + 1.4)], sides=40))
+        else:
+            self._legs(body, bottom + 0.9)
+            body.add("paint", drum([(0.6, 0.0), (0.6, bottom + 0.8)], sides=20))
+        return body
+
+    def _tank(self, body: Body) -> float:
+        """Add the tank under the full height; returns the height of its lowest point."""
+        r, roof = self.tank_m, self.height_m - 0.8
+        if self.tank == "sphere":
+            body.add("white", ball((0.0, 0.0, roof - 0.85 * r), r, 48, 0.85))
+            bottom = roof - 1.7 * r
+        else:
+            tall = 1.1 * r if self.tank == "cylinder" else 0.7 * r
+            low = roof - 0.3 * r - tall
+            cone = [(0.3 * r, low - 0.75 * r)] if self.tank == "conical" else [(0.6 * r, low - 0.3 * r)]
+            body.add("white", drum([*cone, (r, low), (r, low + tall), (r + 0.15, low + tall), (0.3, roof)], sides=56))
+            bottom = cone[0][1]
+        vent = [(0.35, roof - 0.3), (0.35, roof + 0.5), (0.55, roof + 0.55), (0.1, self.height_m)]
+        body.add("trim", drum(vent, sides=16))
+        return bottom
+
+    def _legs(self, body: Body, top: float) -> None:
+        corners = np.arange(self.legs) * 2.0 * np.pi / self.legs
+        ring = np.stack([np.cos(corners), np.sin(corners), np.zeros_like(corners)], axis=1)
+        heights = np.linspace(0.3, top, self.tiers + 1)
+        radii = [self.tank_m * (0.72 + (self.splay - 0.72) * (1.0 - z / top)) for z in heights]
+        levels = [r * ring + (0.0, 0.0, z) for r, z in zip(radii, heights, strict=True)]
+        for i in range(self.legs):
+            j = (i + 1) % self.legs
+            body.add("paint", rod(levels[0][i], levels[-1][i], 0.2, 14))
+            body.blocks.add("concrete", levels[0][i] - (0.6, 0.6, 0.3), levels[0][i] + (0.6, 0.6, 0.1))
+            for low, high in pairwise(levels):
+                body.add("paint", rod(low[i], high[j], 0.03, 6), rod(low[j], high[i], 0.03, 6))
+                body.add("paint", bar(high[i], high[j], 0.18))
+
+
+def platform(body: Body, radius: float, z: float, wide: float = 1.0) -> None:
+    """A round gallery with railing on the outside of a shaft."""
+    outer = radius + wide
+    body.add("trim", drum([(outer, z - 0.12), (outer, z)], sides=40))
+    angles = np.linspace(0.0, 2.0 * np.pi, 25)
+    for a in angles[:-1]:
+        foot = np.array([(outer - 0.06) * np.cos(a), (outer - 0.06) * np.sin(a), z - 0.02])
+        body.add("trim", rod(foot, raised(foot, 1.1), 0.025, 6))
+    for height in (0.55, 1.08):
+        body.add("trim", ring(outer - 0.06, z + height, 0.03))
+
+
+def ladder(radius_at: Callable[[float], float], angle: float, low: float, high: float) -> Iterator[Solid]:
+    """A ladder up a shaft whose radius is a function of height, with safety hoops."""
+    out, along = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+
+    def at(z: float, off: float, side: float) -> tuple[float, float, float]:
+        x, y = out * (radius_at(z) + off) + along * side
+        return float(x), float(y), z
+
+    stops = np.linspace(low, high, 9)
+    for a, b in pairwise(stops):
+        for side in (-0.22, 0.22):
+            yield rod(at(a - 0.02, 0.2, side), at(b + 0.02, 0.2, side), 0.03, 6)
+    for z in np.arange(low, high, 0.4):
+        yield rod(at(z, 0.2, -0.24), at(z, 0.2, 0.24), 0.02, 6)
+    for z in stops:
+        for side in (-0.22, 0.22):
+            yield rod(at(z, -0.1, side), at(z, 0.22, side), 0.025, 6)
+

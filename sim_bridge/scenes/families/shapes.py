@@ -1,0 +1,146 @@
+"""Closed solids that the families are put together from. They overlap by centimetres where they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim_bridge.scenes.solids import Solid, beam, box, joined, lathe, planar_mapped, tube
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+
+def square(width: float, depth: float = 0.0) -> Array:
+    """Profile (4, 2) of a rectangular bar centred on its axis; depth (along its second axis) as width if not given."""
+    x, y = width / 2, (depth or width) / 2
+    return np.array([(-x, -y), (x, -y), (x, y), (-x, y)])
+
+
+def angle_steel(width: float) -> Array:
+    """Profile (6, 2) of an angle section whose flanges are a ninth of its width thick."""
+    t = width / 9.0
+    return np.array([(0.0, 0.0), (width, 0.0), (width, t), (t, t), (t, width), (0.0, width)])
+
+
+def bar(start: ArrayLike, end: ArrayLike, width: float, depth: float = 0.0,
+        towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
+    """A rectangular bar between two points."""
+    return beam(start, end, square(width, depth), towards, capped=True)
+
+
+def angle(start: ArrayLike, end: ArrayLike, width: float, towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
+    """An angle-steel member between two points."""
+    return beam(start, end, angle_steel(width), towards, capped=True)
+
+
+def rod(start: ArrayLike, end: ArrayLike, radius: float | Sequence[float], sides: int = 8) -> Solid:
+    """A round rod between two points with one radius, or one at each end."""
+    return tube(np.stack([start, end]), np.asarray(radius, dtype=np.float64), sides, capped=True)
+
+
+def drum(profile: ArrayLike, foot: ArrayLike = (0.0, 0.0, 0.0), sides: int = 24) -> Solid:
+    """A closed solid of revolution from a profile (n, 2) of radius and height, upwards along its outside."""
+    line = np.asarray(profile, dtype=np.float64)
+    return lathe(np.concatenate([[(0.0, line[0, 1])], line, [(0.0, line[-1, 1])]]), foot, sides)
+
+
+def ball(centre: ArrayLike, radius: float, sides: int = 24, flat: float = 1.0) -> Solid:
+    """A sphere, or a spheroid whose height is flat times its width."""
+    t = np.linspace(-np.pi / 2, np.pi / 2, sides // 2 + 1)
+    profile = np.stack([radius * np.cos(t), flat * radius * np.sin(t)], axis=1)
+    profile[[0, -1], 0] = 0.0
+    return lathe(profile, centre, sides)
+
+
+def vessel(start: ArrayLike, end: ArrayLike, radius: float, sides: int = 28) -> Solid:
+    """A cylinder between two points with rounded heads beyond them."""
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    along = (b - a) / np.linalg.norm(b - a)
+    t = np.linspace(0.0, 0.96 * np.pi / 2, 7)
+    head, reach = radius * np.cos(t), 0.5 * radius * np.sin(t)
+    path = np.concatenate([a - reach[::-1, None] * along, b + reach[:, None] * along])
+    return tube(path, np.concatenate([head[::-1], head]), sides, capped=True)
+
+
+def pipe(points: ArrayLike, radius: float, sides: int = 12) -> Solid:
+    """A pipe through points (n, 3) with ball elbows."""
+    path = np.asarray(points, dtype=np.float64)
+    legs = [rod(a, b, radius, sides) for a, b in pairwise(path)]
+    return joined([*legs, *(ball(p, 1.12 * radius, sides) for p in path[1:-1])])
+
+
+def loft(rings: ArrayLike) -> Solid:
+    """A closed solid through convex rings (n, k, 3), each counter-clockwise seen from the last one's side."""
+    points = np.asarray(rings, dtype=np.float64)
+    n, k = points.shape[:2]
+    index = np.arange(n * k, dtype=np.int32).reshape(n, k)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    sides = np.concatenate([np.stack([a, d, c], axis=-1), np.stack([a, c, b], axis=-1)]).reshape(-1, 3)
+    fan = np.stack([np.zeros(k - 2, np.int32), np.arange(1, k - 1), np.arange(2, k)], axis=1).astype(np.int32)
+    faces = np.concatenate([sides, fan[:, ::-1], fan + np.int32((n - 1) * k)])
+    return planar_mapped(*_without_slivers(points.reshape(-1, 3), faces))
+
+
+def frustum(middle: Sequence[float], low: Sequence[float], high: Sequence[float], z0: float, z1: float) -> Solid:
+    """A four-sided tapering block about (x, y): half sides (2,) at z0 and at z1."""
+    return loft([rectangle_ring(middle, low, z0), rectangle_ring(middle, high, z1)])
+
+
+def rectangle_ring(middle: Sequence[float], half: Sequence[float], z: float) -> Array:
+    """(4, 3) corners of a level rectangle, counter-clockwise seen from above."""
+    (x, y), (a, b) = middle, half
+    return np.array([(x - a, y - b, z), (x + a, y - b, z), (x + a, y + b, z), (x - a, y + b, z)])
+
+
+def ribbon(lower: ArrayLike, upper: ArrayLike, y0: float, y1: float) -> Solid:
+    """What lies between two lines (n, 2) of x and z, from y0 to y1: arches, gables, ramps.
+
+    Both lines run towards larger x with points over each other; they may touch at the ends.
+    """
+    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+
+    def lifted(line: Array, y: float) -> Array:
+        return np.stack([line[:, 0], np.full(len(line), y), line[:, 1]], axis=1)
+
+    rings = np.stack([lifted(low, y0), lifted(low, y1), lifted(high, y1), lifted(high, y0)], axis=1)
+    return loft(rings[:, ::-1])
+
+
+def footing(x: float, y: float, half: float, height: float) -> Solid:
+    """A square block on the ground."""
+    return box((x - half, y - half, 0.0), (x + half, y + half, height))
+
+
+def ring(radius: float, z: float, thick: float) -> Solid:
+    """A level hoop of square section about the vertical through the origin."""
+    a, b = radius - thick, radius + thick
+    return lathe([(a, z - thick), (b, z - thick), (b, z + thick), (a, z + thick), (a, z - thick)], (0.0, 0.0, 0.0), 48)
+
+
+def raised(points: ArrayLike, height: float) -> Array:
+    """Points (3,) or (n, 3) moved up."""
+    return np.add(points, (0.0, 0.0, height))
+
+
+def turned(solid: Solid) -> Solid:
+    """The solid turned about the vertical by a quarter: x becomes y, y becomes -x."""
+    x, y, z = solid.vertices_m.T
+    return Solid(np.stack([-y, x, z], axis=1), solid.faces, solid.uv_m)
+
+
+def moved(solid: Solid, by: ArrayLike) -> Solid:
+    """The solid moved, its texture with it."""
+    return Solid(solid.vertices_m + np.asarray(by, dtype=np.float64), solid.faces, solid.uv_m)
+
+
+def _without_slivers(points: Array, faces: Ints) -> tuple[Array, Ints]:
+    """The mesh with coinciding points made one and without the faces that this flattens."""
+    _, first, place = np.unique(np.round(points, 6), axis=0, return_index=True, return_inverse=True)
+    merged = first[place.ravel()][faces]
+    flat = (merged == np.roll(merged, 1, axis=1)).any(axis=1)
+    return points, merged[~flat].astype(np.int32)

@@ -1,0 +1,62 @@
+"""Conductors with sag, insulators and lattice columns: what power lines are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim_bridge.scenes.families.body import Body
+from sim_bridge.scenes.families.shapes import angle, drum
+from sim_bridge.scenes.solids import Solid, tube
+
+Array = NDArray[np.float64]
+CONDUCTOR_RADIUS_M = 0.015
+
+
+def string_wires(body: Body, stations_x: Sequence[float], ends_m: Sequence[tuple[float, float]], sag: float,
+                 points: int = 61) -> None:
+    """Conductors through all stations at each of the places (y, z), with a sag in metres per 60 m span."""
+    for y, z in ends_m:
+        for x0, x1 in pairwise(stations_x):
+            depth = sag * ((x1 - x0) / 60.0) ** 2
+            t = np.linspace(-1.0, 1.0, points)
+            path = np.stack([(x0 + x1) / 2 + t * (x1 - x0) / 2, np.full(points, y), z - depth * (1.0 - t * t)], axis=1)
+            body.add("cable", tube(path, CONDUCTOR_RADIUS_M, 6, capped=True))
+
+
+def insulator(top: Sequence[float], length: float, discs: int) -> Solid:
+    """A string of discs hanging from a point."""
+    pitch = (length - 0.2) / discs
+    profile = [(0.02, 0.0), (0.02, 0.1)]
+    for k in range(discs):
+        z = 0.1 + k * pitch
+        profile += [(0.13, z + 0.02), (0.12, z + 0.4 * pitch), (0.035, z + 0.8 * pitch)]
+    profile += [(0.02, length - 0.1), (0.02, length + 0.05)]
+    return drum(profile, (top[0], top[1], top[2] - length), 14)
+
+
+def lattice(foot: ArrayLike, head: ArrayLike, panels: int, leg: float, brace: float) -> Iterator[Solid]:
+    """A four-sided lattice column of angle steel between two quadrilaterals (4, 3), crossed in every panel."""
+    low, high = np.asarray(foot, dtype=np.float64), np.asarray(head, dtype=np.float64)
+    steps = _even_panels(low, high, panels)
+    rings = [low + t * (high - low) for t in steps]
+    for a, b in pairwise(rings):
+        middle = (a.mean(axis=0) + b.mean(axis=0)) / 2
+        for i in range(4):
+            j = (i + 1) % 4
+            inward = middle - (a[i] + b[j]) / 2
+            yield angle(a[i], b[i], leg, middle - (a[i] + b[i]) / 2)
+            yield angle(a[i], b[j], brace, inward)
+            yield angle(a[j], b[i], brace, -inward)
+            yield angle(b[i], b[j], brace, a[i] - b[i])
+
+
+def _even_panels(low: Array, high: Array, panels: int) -> Array:
+    """Where to cut a tapering column so that its panels keep their proportions."""
+    a, b = (np.linalg.norm(ring[0] - ring[2]) for ring in (low, high))
+    ratio = (b / a) ** (1.0 / panels)
+    sizes = ratio ** np.arange(panels)
+    return np.asarray(np.concatenate([[0.0], np.cumsum(sizes)]) / sizes.sum())

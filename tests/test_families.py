@@ -1,0 +1,128 @@
+"""The procedural families: repeatable, closed, standing on the ground, of different members, split without overlap."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from missions.errors import UserError
+from missions.mission import SceneSpec, SiteSpec
+from missions.scene_names import BUILT_IN as NAMED
+from missions.scene_names import FAMILIES, SPLITS, STRUCTURES, FamilyScene, families_of, parse_family
+from sim_bridge.scenes import commands
+from sim_bridge.scenes.builtin import BUILT_IN
+from sim_bridge.scenes.families.blocks import Blocks
+from sim_bridge.scenes.families.body import Body
+from sim_bridge.scenes.families.make import make_family
+from sim_bridge.scenes.families.registry import GENERATORS, member, member_parts
+from sim_bridge.scenes.load import load_scene
+from sim_bridge.scenes.repair import Repairs, mended, without_doubles
+from sim_bridge.scenes.scene import Part
+from sim_bridge.scenes.solids import joined
+
+SEEDS = (1, 2)
+LARGEST_M, TALLEST_M = 75.0, 56.0
+
+
+def built_body(name: str, seed: int) -> Body:
+    return member(FamilyScene(name, seed)).build(np.random.default_rng(seed))
+
+
+def assert_closed(vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Every edge is run through as often in one direction as in the other."""
+    _, place = np.unique(np.floor(vertices / 1e-5 + 0.37).astype(np.int64), axis=0, return_inverse=True)
+    corners = place.ravel()[faces].astype(np.int64)
+    start, end = (np.concatenate([np.roll(corners, -k, axis=1)[:, 0] for k in (i, i + 1, i + 2)]) for i in (0, 1))
+    count = place.max() + 1
+    np.testing.assert_array_equal(np.sort(start * count + end), np.sort(end * count + start))
+
+
+@pytest.mark.parametrize(("name", "seed"), list(itertools.product(FAMILIES, SEEDS)))
+def test_object_is_closed_and_stands_on_the_ground(name: str, seed: int) -> None:
+    built = joined(built_body(name, seed).surfaces().values())
+    lo, hi = built.vertices_m.min(axis=0), built.vertices_m.max(axis=0)
+    assert lo[2] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose((lo + hi)[:2], 0.0, atol=1e-9)
+    assert (hi - lo)[:2].max() < LARGEST_M
+    assert 6.0 < hi[2] < TALLEST_M
+    assert 2_000 < len(built.faces) < 230_000
+    assert_closed(built.vertices_m, built.faces)
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_parts_are_sound_and_textured(structure: str) -> None:
+    parts = member_parts(FamilyScene(families_of("test", structure)[0], 3))
+    repairs = Repairs()
+    without_doubles(parts, repairs)
+    for part in parts:
+        mended(part.vertices_enu_m, part.faces, part.uv, repairs)
+        assert repairs == Repairs(), part.name
+        assert part.is_object
+        assert not part.procedural
+        assert part.texture is not None
+        assert part.texture.std() > 8
+
+
+@pytest.mark.parametrize("name", list(FAMILIES))
+def test_two_seeds_differ_in_parameters_and_shape(name: str) -> None:
+    first, second = (member(FamilyScene(name, seed)) for seed in SEEDS)
+    assert first == member(FamilyScene(name, SEEDS[0]))
+    different = [f.name for f in dataclasses.fields(first)  # type: ignore[arg-type]
+                 if getattr(first, f.name) != getattr(second, f.name)]
+    assert len(different) >= 3
+
+
+def same(a: list[Part], b: list[Part]) -> bool:
+    return all(p.name == q.name and p.vertices_enu_m.tobytes() == q.vertices_enu_m.tobytes()
+               and p.faces.tobytes() == q.faces.tobytes() and np.array_equal(p.texture, q.texture)
+               and np.array_equal(p.uv, q.uv) for p, q in zip(a, b, strict=True))
+
+
+def test_the_name_says_everything() -> None:
+    scene = make_family("water_tower", 7)
+    assert scene.name == "family:water_tower:7"
+    again = load_scene(SceneSpec(name="family:water_tower:7", seed=99), SiteSpec())
+    assert same(scene.parts, again.parts)
+    assert scene.object_min_enu_m == again.object_min_enu_m
+    assert scene.object_min_enu_m[2] == scene.ground_up_m == 0.0
+    assert 20_000 <= scene.triangles() <= 300_000
+    vertices, _ = scene.object_mesh()
+    np.testing.assert_array_equal(vertices.max(axis=0), scene.object_max_enu_m)
+
+
+def test_splits_share_no_family_and_hold_every_class() -> None:
+    assert set(FAMILIES) == set(GENERATORS)
+    assert set(NAMED) == set(BUILT_IN)
+    assert sorted(n for split in SPLITS for n in families_of(split)) == sorted(FAMILIES)
+    assert len(set(GENERATORS.values())) == len(GENERATORS)
+    for split, structure in itertools.product(("train", "test"), STRUCTURES):
+        assert families_of(split, structure)
+
+
+@pytest.mark.parametrize("name", ["family:castle:1", "family:chimney", "family:chimney:", "family:chimney:-1",
+                                  "family:chimney:1.5", "family:chimney:99999999999", "family:", "family::1"])
+def test_bad_names_are_refused_in_one_sentence(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(UserError):
+        parse_family(name)
+    assert commands.main(["export", name, "unused"]) == 2
+    said = capsys.readouterr().err
+    assert name in said
+    assert said.count("\n") == 1
+
+
+def test_blocks_keep_only_faces_to_the_air() -> None:
+    blocks = Blocks()
+    blocks.add("a", (0, 0, 0), (2, 2, 2))
+    blocks.add("b", (1, 0, 0), (3, 2, 2))
+    blocks.cut((1, 1, 1), (3, 3, 3))
+    solids = blocks.solids()
+    both = joined(solids.values())
+    assert_closed(both.vertices_m, both.faces)
+    corners = both.vertices_m[both.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (corners[:, 0] * normal).sum() / 6 == pytest.approx(12.0 - 2.0)
+    assert np.linalg.norm(normal, axis=1).sum() / 2 == pytest.approx(2 * (6 + 6 + 4))
+    assert {name: round(float(s.vertices_m[:, 0].min())) for name, s in solids.items()} == {"a": 0, "b": 1}
