@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from planning.allocate.minmax_kernels import anneal
+from planning.allocate.minmax_anneal import anneal
 from planning.allocate.minmax_tables import Chain, Tables, Warm, chain_of, sorties_of, tables_of
 from planning.allocate.problem import Allocation, Problem, appraise
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
-from planning.allocate.minmax_kernels import NODE, SORTIE, Costs, Ints, Records, put_in
+from planning.allocate.minmax_state import NODE, SORTIE, Costs, Ints, Records, put_in
 from planning.allocate.problem import Problem, Sorties, Ways
 
 NEAR = 40
@@ -32,7 +32,7 @@ class Warm:
 
 @dataclass(frozen=True)
 class Tables:
-    """What the chains of a search share; see `minmax_kernels.anneal`."""
+    """What the chains of a search share; see `minmax_anneal.anneal`."""
 
     time: Costs
     energy: Costs
