@@ -1,0 +1,106 @@
+"""Ray casting through occupancy and novelty, and sums over what the rays met, compiled.
+
+Each result is written in its own slot and summed in a fixed order: no result depends on the number of threads.
+"""
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from planning.nbv.rays import inside, next_voxel, walk
+
+LEAST_ARRIVING = 0.03
+
+
+@nb.njit(cache=True)
+def _stops(occupancy, novelty, start, direction, reach, cell_voxels, scale, cell, area, arrives, at):
+    """Entries that one ray makes from slot `at` on, one per cell that it may stop in; returns how many.
+
+    Nothing is written when the arrays have no room for it (`at` < 0): the entries are only counted.
+    """
+    voxel, walls, spans, steps = walk(start, direction)
+    sj_cells = (occupancy.shape[1] + cell_voxels - 1) // cell_voxels
+    sk_cells = (occupancy.shape[2] + cell_voxels - 1) // cell_voxels
+    t, through, n, last = 0.0, 1.0, 0, -1
+    while t < reach and through > LEAST_ARRIVING:
+        if inside(occupancy.shape, voxel):
+            p = occupancy[voxel]
+            if p > 0.0:
+                worth = novelty[voxel]
+                if worth > 0.0:
+                    i, j, k = voxel
+                    c = ((i // cell_voxels) * sj_cells + j // cell_voxels) * sk_cells + k // cell_voxels
+                    if c != last:
+                        n, last = n + 1, c
+                        if at >= 0:
+                            cell[at + n - 1], area[at + n - 1], arrives[at + n - 1] = c, 0.0, through
+                    if at >= 0:
+                        d = t + 0.5
+                        area[at + n - 1] += through * p * worth * d * d * scale
+                through *= 1.0 - p
+        voxel, t, walls = next_voxel(voxel, walls, spans, steps)
+    return n
+
+
+@nb.njit(cache=True, parallel=True)
+def count_stops(occupancy, novelty, starts, directions, reach, cell_voxels):
+    """(p, r) number of cells that each ray may stop in."""
+    nothing = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    count = np.zeros((len(starts), len(directions)), np.int64)
+    for p in nb.prange(len(starts)):
+        for r in range(len(directions)):
+            count[p, r] = _stops(occupancy, novelty, starts[p], directions[r], reach, cell_voxels, 0.0, nothing[0],
+                                nothing[1], nothing[1], -1)
+    return count
+
+
+@nb.njit(cache=True, parallel=True)
+def cast_stops(occupancy, novelty, starts, directions, reach, cell_voxels, first, scale):
+    """(cell, area, arrives) of every entry, in the slots that `count_stops` gave."""
+    cell = np.zeros(first[-1], np.int32)
+    area, arrives = np.zeros(first[-1], np.float32), np.zeros(first[-1], np.float32)
+    for p in nb.prange(len(starts)):
+        for r in range(len(directions)):
+            _stops(occupancy, novelty, starts[p], directions[r], reach, cell_voxels, scale, cell, area, arrives,
+                  first[p * len(directions) + r])
+    return cell, area, arrives
+
+
+@nb.njit(cache=True)
+def view_sum(first, cell, area, left, seen_first, seen_rays, rays, position, orientation):
+    """Expected new surface of one view, given what is left of each cell."""
+    total = 0.0
+    for s in range(seen_first[orientation], seen_first[orientation + 1]):
+        ray = position * rays + seen_rays[s]
+        for e in range(first[ray], first[ray + 1]):
+            total += area[e] * left[cell[e]]
+    return total
+
+
+@nb.njit(cache=True, parallel=True)
+def view_sums(first, cell, area, left, seen_first, seen_rays, positions, rays):
+    """(p, o) `view_sum` of every view."""
+    gains = np.zeros((positions, len(seen_first) - 1))
+    for p in nb.prange(positions):
+        per_ray = np.zeros(rays)
+        for r in range(rays):
+            for e in range(first[p * rays + r], first[p * rays + r + 1]):
+                per_ray[r] += area[e] * left[cell[e]]
+        for o in range(len(seen_first) - 1):
+            for s in range(seen_first[o], seen_first[o + 1]):
+                gains[p, o] += per_ray[seen_rays[s]]
+    return gains
+
+
+@nb.njit(cache=True)
+def shown(first, cell, arrives, left, seen_first, seen_rays, rays, position, orientation):
+    """What is left of each cell after one view: the ray that is likeliest to arrive decides."""
+    after = left.copy()
+    for s in range(seen_first[orientation], seen_first[orientation + 1]):
+        ray = position * rays + seen_rays[s]
+        for e in range(first[ray], first[ray + 1]):
+            c = cell[e]
+            after[c] = min(after[c], left[c] * (np.float32(1.0) - arrives[e]))
+    return after

@@ -1,0 +1,139 @@
+"""What views show of a map that is partly imagined, and the search several steps ahead."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from missions.camera import Camera
+from missions.pose_lattice import PoseLattice
+from planning.nbv.horizon import HorizonSpec, best_way, promises
+from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
+
+CAMERA = Camera(64, 48, 40.0, 40.0, 32.0, 24.0)
+LATTICE = PoseLattice((0.0, 0.0, 0.0), (12.0, 12.0, 4.0), (3, 3, 1), (0.0,), 4)
+RANGE_M = 10.0
+
+
+def imagined(occupancy: float = 1.0, seed: int | None = None) -> ImaginedMap:
+    """Half-metre voxels over the lattice; a wall at x = 8 m, or where a seed says."""
+    shape = (26, 26, 10)
+    occupied, novel = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    if seed is None:
+        occupied[18, :, :], novel[18, :, :] = occupancy, 1.0
+    else:
+        rng = np.random.default_rng(seed)
+        some = rng.random(shape) < 0.1
+        occupied[some] = rng.random(int(some.sum()))
+        novel[some] = rng.random(int(some.sum()))
+    return ImaginedMap(np.array([-0.5, -0.5, -0.5]), 0.5, occupied, novel)
+
+
+def seen(world: ImaginedMap) -> Sights:
+    yaw, elevation = LATTICE.yaw_elevation_rad.T
+    return sights(world, LATTICE.positions_enu_m, Orientations.of(yaw, elevation, CAMERA), RANGE_M)
+
+
+def test_a_wall_is_worth_its_area_as_the_picture_frames_it() -> None:
+    gain = seen(imagined()).gains_m2
+    here = LATTICE.flat((1, 1, 0, 0, 0))
+    depth = 8.75 - 6.0
+    height = min(48 / 40.0 * depth, 5.0)
+    width = 64 / 40.0 * depth
+    distance = np.hypot(np.hypot(*np.meshgrid(np.linspace(-width / 2, width / 2, 99),
+                                              np.linspace(-height / 2, height / 2, 99))), depth)
+    foreshortened = width * height * float((depth / distance).mean())
+    assert gain.ravel()[here] == pytest.approx(foreshortened, rel=0.15)
+    assert gain.ravel()[LATTICE.flat((1, 1, 0, 0, 2))] == 0.0
+
+
+def test_what_is_certain_is_shown_once_and_what_may_not_be_there_half() -> None:
+    for chance in (1.0, 0.5):
+        s = seen(imagined(chance))
+        view = 4, 0
+        once = s.left_after(*view, s.nothing_shown)
+        assert s.gains_after(once)[view] <= (1.0 - chance) * 0.2 * s.gains_m2[view] + 1e-6
+        certain = float(seen(imagined()).gains_m2[view])
+        assert chance * certain - 1e-3 <= s.gains_m2[view] <= certain + 1e-3
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6))
+def test_views_never_add_more_after_others(seed: int) -> None:
+    s = seen(imagined(seed=seed))
+    rng = np.random.default_rng(seed)
+    left = s.nothing_shown
+    before = s.gains_after(left)
+    for _ in range(4):
+        left = s.left_after(int(rng.integers(9)), int(rng.integers(4)), left)
+        after = s.gains_after(left)
+        assert (after <= before + 1e-6).all()
+        assert (left >= 0.0).all()
+        before = after
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 10**6))
+def test_a_wide_search_finds_the_best_of_all_ways(seed: int) -> None:
+    s = seen(imagined(seed=seed))
+    steps = LATTICE.steps
+    passable = np.ones(steps.shape)
+    spec = HorizonSpec(depth=2, width=40, finals=40, discount=0.9)
+    start = LATTICE.flat((1, 1, 0, 0, 0))
+    nothing = np.zeros(len(LATTICE))
+    way = best_way(s, s.nothing_shown, steps, passable, start, steps[start][steps[start] >= 0].tolist(), nothing, spec)
+    assert way is not None
+    assert way.value >= max(_worth(s, ways, spec, steps, passable) for ways in _ways(start, steps)) - 1e-6
+
+
+def _ways(start: int, steps: np.ndarray) -> list[tuple[int, int]]:
+    """One of the ways to each second pose: the search keeps one for each end."""
+    ends: dict[int, tuple[int, int]] = {}
+    for a in steps[start][steps[start] >= 0]:
+        for b in steps[a][steps[a] >= 0]:
+            ends[int(b)] = int(a), int(b)
+    return list(ends.values())
+
+
+def _worth(s: Sights, way: tuple[int, int], spec: HorizonSpec, steps: np.ndarray, passable: np.ndarray) -> float:
+    left, total = s.nothing_shown, 0.0
+    for k, pose in enumerate(way):
+        view = divmod(pose, LATTICE.orientations)
+        total += spec.discount**k * float(s.gains_after(left)[view])
+        left = s.left_after(*view, left)
+    return total + spec.discount ** len(way) * float(promises(s, left, steps, passable, spec)[way[-1]])
+
+
+def test_a_vehicle_with_nothing_to_see_heads_for_what_is_far() -> None:
+    s = seen(imagined())
+    steps, pose = LATTICE.steps, LATTICE.flat((0, 0, 0, 0, 2))
+    passable, spec = np.ones(steps.shape), HorizonSpec(depth=1, width=30)
+    promised = promises(s, s.nothing_shown, steps, passable, spec)
+    flown = [pose]
+    while s.gains_m2.ravel()[flown[-1]] == 0.0 and len(flown) < 5:
+        first = steps[flown[-1]][steps[flown[-1]] >= 0].tolist()
+        way = best_way(s, s.nothing_shown, steps, passable, flown[-1], first, promised, spec)
+        assert way is not None
+        flown.append(way.poses[0])
+    assert len(flown) <= 4
+
+
+def test_no_way_leads_where_a_step_is_blocked() -> None:
+    s = seen(imagined())
+    steps, start = LATTICE.steps, LATTICE.flat((0, 1, 0, 0, 0))
+    passable = np.ones(steps.shape)
+    blocked = {LATTICE.flat((1, y, 0, 0, a)) for y, a in itertools.product(range(3), range(4))}
+    passable[np.isin(steps, list(blocked))] = 0.0
+    spec = HorizonSpec(depth=4, width=8)
+    promised = promises(s, s.nothing_shown, steps, passable, spec)
+    first = [int(f) for f in steps[start] if f >= 0 and int(f) not in blocked]
+    way = best_way(s, s.nothing_shown, steps, passable, start, first, promised, spec)
+    assert way is not None
+    assert not blocked & set(way.poses)
+    assert best_way(s, s.nothing_shown, steps, passable, start, [], promised, spec) is None
+    assert math.isfinite(way.value)
