@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from planning.paths import NoPath, VoxelField, plan_path, reachable, shortcut
+from planning.paths import NoPath, VoxelField, plan_path, reachable, search_kernels, shortcut
 
 LOWER, UPPER = np.zeros(3), np.array([20.0, 16.0, 12.0])
 seeds = st.integers(0, 2**32 - 1)
@@ -80,6 +81,17 @@ def test_a_clear_segment_is_clear_everywhere(seed: int) -> None:
     truth = np.array([true_clearance(grid, p + f * (q - p)).min() for p, q in zip(a, b, strict=True)])
     assert np.all(truth[clear] >= 1.0)
     assert np.all(clear[truth > 1.0 + 0.5 * grid.voxel_m])
+
+
+@given(seeds)
+@settings(max_examples=60, deadline=None)
+def test_points_are_connected_that_lie_in_one_piece(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    room = (rng.random(rng.integers(1, 9, 3)) < rng.uniform(0.1, 0.9)).astype(np.float32)
+    starts, ends = (np.unique(rng.integers(0, room.size, rng.integers(1, 4))) for _ in range(2))
+    pieces = ndimage.label(room >= 1.0, np.ones((3, 3, 3)))[0].reshape(-1)
+    shared = np.intersect1d(pieces[starts], pieces[ends])
+    assert search_kernels.connected(room, 1.0, starts, ends) == bool(shared.any() or np.isin(starts, ends).any())
 
 
 def test_unknown_and_outside_are_solid_unless_told_otherwise() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.grid import FREE, OCCUPIED, VoxelGrid
-from planning.paths import MeshField, NoPath, VoxelField, plan_path, voxelised
+from planning.paths import MeshField, NoPath, VoxelField, plan_path, shortcut, voxelised
 
 LOWER, UPPER = np.zeros(3), np.array([20.0, 16.0, 12.0])
 seeds = st.integers(0, 2**32 - 1)
@@ -123,6 +123,45 @@ def test_a_hole_that_leaves_a_hand_on_each_side_is_found(seed: int) -> None:
     fine = np.concatenate([p + f * (q - p) for p, q in itertools.pairwise(path)])
     assert true_clearance(boxes, fine).min() >= 1.0 - 1e-5
     assert np.array_equal(path[[0, -1]], [start, goal])
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_the_finer_lattice_is_only_refused_where_there_is_no_way(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    clearance, center = rng.uniform(1.0, 1.5), rng.uniform([9, 5, 4], [11, 11, 8])
+    ends = center + np.array([[-5.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    for width, passable in ((2.0 * clearance + 0.01, True), (0.8, False)):
+        field, _ = field_of(boxes_mesh(wall_with_a_hole(center, width, rng.uniform(0.2, 2.0))))
+        assert (field.finer(ends, 8.0, clearance) is not None) == passable
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_the_lattice_decides_as_a_closer_look_does_or_not_at_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    field = field_of(boxes_mesh(random_boxes(rng, 5)))[0].with_spheres(rng.uniform(LOWER, UPPER, (2, 3)), 0.5)
+    a, b = rng.uniform(LOWER, UPPER, (2, 60, 3))
+    clear, undecided = field.lattice_verdicts(a, b, 1.0)
+    closer = field.segments_clear(a, b, 1.0)
+    assert not np.any(clear & undecided)
+    assert np.array_equal(clear[~undecided], closer[~undecided])
+
+
+@given(seeds)
+@settings(max_examples=8, deadline=None)
+def test_no_clear_chord_makes_a_straightened_path_cheaper(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    field, _ = field_of(boxes_mesh(random_boxes(rng, 8)))
+    path = next((p for p in (answer(field, *ends)[0] for ends in rng.uniform(LOWER, UPPER, (12, 2, 3)))
+                 if p is not None and len(p) > 2), None)
+    if path is None:
+        return
+    zigzag = np.insert(path, np.arange(1, len(path)), 0.5 * (path[:-1] + path[1:]), axis=0)
+    short = shortcut(field, zigzag, 1.0)
+    i, j = np.triu_indices(len(short), 2)
+    assert not field.segments_clear(short[i], short[j], 1.0).any()
+    assert field.segments_clear(short[:-1], short[1:], 1.0).all()
 
 
 def answer(field: MeshField | VoxelField, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray | None, str]:

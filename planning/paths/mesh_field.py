@@ -89,6 +89,7 @@ class MeshField:
         shape = tuple(int(n) for n in np.maximum(1, np.floor((upper - lower) / voxel + 1e-9)))
         first = lower + 0.5 * voxel
         near = np.full(shape, exact, dtype=np.float32)
+        mesh_kernels.cap(near, first, voxel, self.distance, self.origin, self.voxel_m)
         mesh_kernels.lower_by_triangles(near, self.triangles, first, voxel, exact)
         mesh_kernels.mark_inside(near, first, voxel, self.distance, self.origin, self.voxel_m, INSIDE)
         distance = np.pad(np.minimum(near, _to_border(shape, voxel)), 1)
@@ -141,7 +142,7 @@ class MeshField:
     def _swept_clear(self, a: Array, b: Array, clearance_m: float) -> NDArray[np.bool_]:
         """(n,) whether a sphere swept from a to b (n, 3) touches nothing, outside of what is solid."""
         clear, lengths = np.empty(len(a), dtype=np.bool_), np.linalg.norm(b - a, axis=1)
-        for m, (turn, middle) in enumerate(zip(_along(b - a), 0.5 * (a + b), strict=True)):
+        for m, (turn, middle) in enumerate(zip(mesh_kernels.turned_to(b - a), 0.5 * (a + b), strict=True)):
             capsule = fcl.CollisionObject(fcl.Capsule(clearance_m, lengths[m]), fcl.Transform(turn, middle))
             clear[m] = not fcl.collide(capsule, self.surface, fcl.CollisionRequest(), fcl.CollisionResult())
         return clear & self._outside(a, np.full(len(a), clearance_m))
@@ -149,11 +150,7 @@ class MeshField:
     def _outside(self, points: Array, gap_m: Array) -> NDArray[np.bool_]:
         """(n,) whether points (n, 3) that are known to be gap_m (n,) away from the surface are outside: lattice points
         within that gap are on the same side."""
-        first = np.floor((points - self.origin) / self.voxel_m).astype(np.int64)
-        corners = np.clip(first[:, None] + CORNERS, 0, np.array(self.distance.shape) - 1)
-        away = np.linalg.norm(self.origin + corners * self.voxel_m - points[:, None], axis=2)
-        value = self.distance[tuple(np.moveaxis(corners, 2, 0))]
-        return np.asarray(np.any((away <= gap_m[:, None]) & (value > 0.0), axis=1))
+        return np.asarray(mesh_kernels.outside(points, gap_m, self.distance, self.origin, self.voxel_m))
 
     def _walled_off(self, ends_enu_m: Array, box_enu_m: tuple[Array, Array], clearance_m: float) -> bool:
         """Whether certainly no way between two ends (2, 3) in a box keeps a clearance: the centres of the voxels that
@@ -178,9 +175,6 @@ class MeshField:
         return self.origin + half, self.origin + self.voxel_m * (np.array(self.distance.shape) - 1) - half
 
 
-CORNERS = np.array([(i, j, k) for i in range(2) for j in range(2) for k in range(2)])
-
-
 def _touched(triangles: Array, grid: VoxelGrid) -> NDArray[np.bool_]:
     touched = np.zeros(grid.state.shape, dtype=np.bool_)
     mesh_kernels.touched_voxels(np.ascontiguousarray(triangles, dtype=np.float64), grid.origin_enu_m, grid.voxel_m,
@@ -201,12 +195,3 @@ def _hierarchy(vertices_enu_m: Array, faces: NDArray[np.int64]) -> Any:
     model.addSubModel(np.ascontiguousarray(vertices_enu_m, dtype=np.float64), np.ascontiguousarray(faces))
     model.endModel()
     return fcl.CollisionObject(model, fcl.Transform())
-
-
-def _along(directions: Array) -> Array:
-    """(n, 3, 3) rotations that turn z into directions (n, 3)."""
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    z = np.where(lengths > 0.0, directions / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=1)], z)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)

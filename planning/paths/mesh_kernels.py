@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from missions.frames import Array
+from planning.paths.kernels import HALF_DIAGONAL
 
 TOUCH_M = 1e-6
 """Triangles this near to a voxel touch it."""
@@ -59,7 +60,6 @@ def mark_inside(distance: NDArray[np.float32], origin: Array, voxel: float, know
                 known_origin: Array, known_voxel: float, inside: float) -> None:
     """Set distance to `inside` where no point of a coarser lattice that is known to be outside (above 0) lies within
     the distance: those that do are on the same side of the surface."""
-    nx, ny, nz = known.shape
     for i in range(distance.shape[0]):
         for j in range(distance.shape[1]):
             for k in range(distance.shape[2]):
@@ -67,13 +67,66 @@ def mark_inside(distance: NDArray[np.float32], origin: Array, voxel: float, know
                            (origin[1] + j * voxel - known_origin[1]) / known_voxel,
                            (origin[2] + k * voxel - known_origin[2]) / known_voxel)
                 squared = (distance[i, j, k] / known_voxel) ** 2
-                outside = False
-                for corner in range(8):
-                    a, b, c = (int(x) + (corner & 1), int(y) + (corner >> 1 & 1), int(z) + (corner >> 2))
-                    if a < nx and b < ny and c < nz and known[a, b, c] > 0.0:
-                        outside |= (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 <= squared
-                if not outside:
+                if not _near_outside(x, y, z, squared, known):
                     distance[i, j, k] = inside
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def outside(points: Array, gap: Array, distance: NDArray[np.float32], origin: Array, voxel: float) -> NDArray[np.bool_]:
+    """(n,) whether some of the eight lattice points around each of the points (n, 3) that are known to be outside
+    (above 0) lie within its gap (n,)."""
+    out = np.empty(points.shape[0], np.bool_)
+    for m in range(points.shape[0]):
+        out[m] = _near_outside((points[m, 0] - origin[0]) / voxel, (points[m, 1] - origin[1]) / voxel,
+                               (points[m, 2] - origin[2]) / voxel, (gap[m] / voxel) ** 2, distance)
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _near_outside(x: float, y: float, z: float, squared: float, known: NDArray[np.float32]) -> bool:
+    nx, ny, nz = known.shape
+    for corner in range(8):
+        a, b, c = (int(x) + (corner & 1), int(y) + (corner >> 1 & 1), int(z) + (corner >> 2))
+        if a < nx and b < ny and c < nz and known[a, b, c] > 0.0 \
+                and (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 <= squared:
+            return True
+    return False
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cap(distance: NDArray[np.float32], origin: Array, voxel: float, known: NDArray[np.float32], known_origin: Array,
+        known_voxel: float) -> None:
+    """Lower distance[i, j, k], which holds at origin + (i, j, k) * voxel, to the most that the nearest point of a
+    coarser lattice allows. 0 is a voxel that the surface touches there, less than 0 is inside and allows anything."""
+    nearest, off = np.empty(3, np.int64), np.empty(3)
+    for i in range(distance.shape[0]):
+        for j in range(distance.shape[1]):
+            for k in range(distance.shape[2]):
+                off[0], off[1], off[2] = origin[0] + i * voxel, origin[1] + j * voxel, origin[2] + k * voxel
+                for axis in range(3):
+                    off[axis] = (off[axis] - known_origin[axis]) / known_voxel
+                    nearest[axis] = min(max(0, round(off[axis])), known.shape[axis] - 1)
+                    off[axis] -= nearest[axis]
+                room = known[nearest[0], nearest[1], nearest[2]]
+                if room >= 0.0:
+                    away = known_voxel * math.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
+                    most = (room if room > 0.0 else HALF_DIAGONAL * known_voxel) + away + TOUCH_M
+                    distance[i, j, k] = min(distance[i, j, k], most)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def turned_to(directions: Array) -> Array:
+    """(n, 3, 3) rotations that turn z into directions (n, 3); some rotation for a direction of no length."""
+    out = np.empty((directions.shape[0], 3, 3))
+    for m in range(directions.shape[0]):
+        length = math.sqrt(directions[m, 0] ** 2 + directions[m, 1] ** 2 + directions[m, 2] ** 2)
+        z = directions[m] / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+        side = np.zeros(3)
+        side[np.argmin(np.abs(z))] = 1.0
+        x = np.cross(side, z)
+        x /= math.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
+        out[m, :, 0], out[m, :, 1], out[m, :, 2] = x, np.cross(z, x), z
+    return out
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

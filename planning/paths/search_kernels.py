@@ -84,7 +84,7 @@ def connected(clearance: NDArray[np.float32], need: float, seeds: NDArray[np.int
     """Whether some of the seeds and some of the exits, flat indices of lattice points, are the same or hang together
     over neighbours (26) that have `need`.
 
-    Both sides grow in turns, by whole runs of points along the last axis, so that a small closed room is found out soon.
+    Both sides grow in turns, by whole runs of points along the last axis, so that a small closed room shows soon.
     """
     nx, ny, nz = clearance.shape
     side = np.zeros((nx, ny, nz), np.int8)
