@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ground_station.prediction import predicted_flight
-from missions.frames import Array
+from missions.frames import Array, Site
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
@@ -30,6 +30,7 @@ class EnergyBudget:
         self._energy, self._limits = energy_of(mission), Limits.of_fleet(mission.fleet)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
         self._tick_s = mission.clock.tick_s
+        self._anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
 
     def usable_percent(self, vehicle_id: int, level_percent: float, exploring: bool = False) -> float:
         """What a vehicle at this level may spend until it is home again: above the threshold, and exploring only its
@@ -50,7 +51,7 @@ class EnergyBudget:
     def route_percent(self, state: VehicleState, waypoints: list[Waypoint]) -> float:
         """Of flying these waypoints from hovering, as the vehicle will: smoothed, waiting for the next tick at every
         stop, hovering while the plan is on its way up and the last picture on its way down."""
-        flight = predicted_flight(state, waypoints, self._limits)
+        flight = predicted_flight(state, waypoints, self._limits, self._anchor)
         hovering_s = HANDLING_S + 0.5 * self._tick_s * sum(w.stop for w in waypoints)
         return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(hovering_s)
 

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ground_station.prediction import predicted_flight
-from missions.frames import Array
+from missions.frames import Array, Site
 from missions.mavlink import Waypoint
 from missions.messages import VehicleState
 from missions.mission import Mission
@@ -38,6 +38,7 @@ class Traffic:
 
     def __init__(self, mission: Mission) -> None:
         self._limits = Limits.of_fleet(mission.fleet)
+        self._anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
         self._apart_m = mission.fleet.separation_m + SPARE_M
         self._plans: dict[int, tuple[float, Array]] = {}
 
@@ -73,7 +74,7 @@ class Traffic:
 
     def _predicted(self, state: VehicleState, waypoints: list[Waypoint]) -> Array:
         """(n, 3) every STEP_S from sending the plan until it is flown."""
-        flight = predicted_flight(state, waypoints, self._limits)
+        flight = predicted_flight(state, waypoints, self._limits, self._anchor)
         t_s = np.arange(0.0, flight.duration_s + UPLOAD_S + STEP_S, STEP_S) - UPLOAD_S
         return np.asarray(flight.curve.at(np.clip(t_s, 0.0, flight.duration_s))[0])
 
