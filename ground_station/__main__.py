@@ -25,7 +25,8 @@ from missions.process import process_parser, run_process, uninterrupted
 from missions.run_folder import RunFolder
 
 HEARD: tuple[topics.Topic[Any], ...] = (
-    topics.MAVLINK_UP, topics.PLAN_VERDICT, topics.LEG_REPORT, topics.PICTURE_CHUNK, topics.VEHICLE_STATE)
+    topics.MAVLINK_UP, topics.PLAN_VERDICT, topics.LEG_REPORT, topics.PICTURE_CHUNK, topics.RANGE_HITS,
+    topics.VEHICLE_STATE)
 
 
 def main(argv: list[str] | None = None) -> int:

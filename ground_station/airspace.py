@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ground_station.obstacles import NO_HITS
 from ground_station.prior import Prior
 from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import geofence
-from missions.sensors import RANGE_DIRECTIONS
+from missions.sensors import HIT_RADIUS_M, RANGE_DIRECTIONS
 from planning.paths import NoPath, ObstacleField, Reach, VoxelField, plan_path, reachable
 
 PLAN_MARGIN_M = 0.1
@@ -33,12 +34,14 @@ class Airspace:
     upper_enu_m: Array
 
     @classmethod
-    def of(cls, grid: VoxelGrid, mission: Mission, site: SiteBrief, prior: Prior | None = None) -> Airspace:
-        """The airspace of a map, where unknown is not free; or that of the prior model, where there is one."""
+    def of(cls, grid: VoxelGrid, mission: Mission, site: SiteBrief, prior: Prior | None = None,
+           hits_enu_m: Array = NO_HITS) -> Airspace:
+        """The airspace of a map, where unknown is not free; or that of the prior model, where there is one. hits_enu_m:
+        (n, 3) what stands in it all the same."""
         lower, upper = geofence(mission, site)
-        field = VoxelField.from_grid(grid) if prior is None else prior.field
-        return cls(field, mission.fleet.clearance_m + PLAN_MARGIN_M, mission.fleet.separation_m,
-                   lower, upper)
+        field: ObstacleField = VoxelField.from_grid(grid) if prior is None else prior.field
+        return cls(field.with_spheres(hits_enu_m, HIT_RADIUS_M), mission.fleet.clearance_m + PLAN_MARGIN_M,
+                   mission.fleet.separation_m, lower, upper)
 
     def around(self, start_enu_m: Array, teammates_enu_m: list[Array]) -> ObstacleField:
         """The field with a sphere about every place where a teammate is or will hover. A teammate that is already

@@ -10,6 +10,7 @@ from ground_station.prior import Prior
 from ground_station.recorder import Recorder
 from missions import topics
 from missions.bus import Bus
+from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
@@ -37,6 +38,10 @@ class Control:
         if self._sent_grid is None or not np.array_equal(self._sent_grid.state, grid.state):
             self._bus.publish(topics.MAP_SNAPSHOT, grid.to_message(self.fleet.t_ns))
             self._sent_grid = grid
+
+    def unmapped_hits(self, grid: VoxelGrid) -> Array:
+        """(n, 3) what the vehicles' range sensors have hit and the map that is planned on does not show."""
+        return self.fleet.obstacles.unmapped(grid if self.prior is None else self.prior.grid, self.fleet.t_ns)
 
     def note(self, text: str) -> None:
         """Something a reader of the report should know, now."""

@@ -12,6 +12,7 @@ from ground_station.airspace import Airspace, joined
 from ground_station.energy import EnergyBudget
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
+from ground_station.obstacles import NO_HITS
 from ground_station.prior import Prior
 from missions.camera import Pose
 from missions.frames import Array, forward_enu
@@ -137,9 +138,10 @@ class Explorer:
         """The map's own estimate of how much of the object's surface is known, 0 to 1."""
         return self.map.predicted_coverage(np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m))
 
-    def decide(self, asking: list[Asking], busy: list[Busy]) -> Decision:
-        """Next views for the hovering vehicles over the map as `refresh` left it."""
-        field, airspace = self._field(), Airspace.of(self.grid, self._mission, self._site, self._prior)
+    def decide(self, asking: list[Asking], busy: list[Busy], hits_enu_m: Array = NO_HITS) -> Decision:
+        """Next views for the hovering vehicles over the map as `refresh` left it. Ways keep clear of what vehicles have
+        hit (n, 3) and the map does not show."""
+        field, airspace = self._field(), Airspace.of(self.grid, self._mission, self._site, self._prior, hits_enu_m)
         reaches = {a.vehicle_id: airspace.reach(a.position_enu_m, _mates(a, asking, busy)) for a in asking}
         queries = [self._query(a, reaches[a.vehicle_id]) for a in asking]
         claimed = [b.goal for b in busy if b.goal is not None]

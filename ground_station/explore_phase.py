@@ -88,7 +88,8 @@ class ExplorePhase:
         self._recorder.predicted_coverage.append(round(explorer.coverage, 4))
         others = [d for d in self._fleet.drones.values() if d.airborne and d not in asking]
         budget = self._mission.explore.max_views - self._decisions
-        found = explorer.decide([self._asking(d) for d in asking[:budget]], [self._busy(d) for d in others])
+        hits = self._control.unmapped_hits(explorer.grid)
+        found = explorer.decide([self._asking(d) for d in asking[:budget]], [self._busy(d) for d in others], hits)
         for leg in found.legs:
             self._decisions += 1
             self._fly_leg(self._fleet.drones[leg.vehicle_id], leg)

@@ -12,6 +12,7 @@ import numpy as np
 from ground_station.energy import EnergyBudget
 from ground_station.fleet_link import VehicleLink, arm, return_to_launch, takeoff
 from ground_station.ingest import Ingest, Picture
+from ground_station.obstacles import SeenObstacles
 from ground_station.recorder import Recorder
 from missions import topics
 from missions.bus import Bus, Delivery
@@ -107,6 +108,7 @@ class Fleet:
                        for k in range(1, mission.fleet.vehicles + 1)}
         self.t_ns = 0
         self.new_pictures: list[Picture] = []
+        self.obstacles = SeenObstacles()
         self._energy = EnergyBudget(mission, site)
         self._plan_id = 0
 
@@ -179,6 +181,8 @@ class Fleet:
             drone.link.on_verdict(message)
         elif delivery.topic is topics.LEG_REPORT:
             self._on_report(drone, message)
+        elif delivery.topic is topics.RANGE_HITS:
+            self.obstacles.hear(message)
         elif delivery.topic is topics.PICTURE_CHUNK:
             ack, picture = self._ingest.receive(drone.vehicle_id, message, self.t_ns)
             if ack is not None:

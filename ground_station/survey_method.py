@@ -10,6 +10,7 @@ from ground_station.airspace import Airspace
 from ground_station.leg_costs import LegCosts
 from ground_station.legs import Shooting
 from ground_station.minmax_tours import MinmaxTours
+from ground_station.obstacles import NO_HITS
 from ground_station.prior import Prior
 from ground_station.roadmap_airspace import RoadmapAirspace
 from ground_station.thesis_airspace import ThesisAirspace
@@ -36,12 +37,13 @@ class Means:
 
 
 def means_of(mission: Mission, site: SiteBrief, views: list[View], grid: VoxelGrid, prior: Prior | None,
-             starts_enu_m: list[Array]) -> Means:
+             starts_enu_m: list[Array], hits_enu_m: Array = NO_HITS) -> Means:
     """By `survey.method`: ours over a roadmap of all views, or the thesis's, whose own planner leads the legs around
-    what is known where it flies with a prior model. starts_enu_m: where vehicles are."""
-    shooting, plain = shooting_of(mission, views, grid), Airspace.of(grid, mission, site, prior)
+    what is known where it flies with a prior model. starts_enu_m: where vehicles are; hits_enu_m: (n, 3) what they have
+    hit that no map shows."""
+    shooting, plain = shooting_of(mission, views, grid), Airspace.of(grid, mission, site, prior, hits_enu_m)
     if mission.survey.method == "thesis":
-        own = plain if prior is None else ThesisAirspace.with_prior(prior, grid, mission, site)
+        own = plain if prior is None else ThesisAirspace.with_prior(plain, prior, mission)
         return Means(ThesisTours(views, mission), own, shooting)
     places = [*starts_enu_m, *hover_points(mission, site), *(v.pose.position_enu_m for v in views)]
     roadmap = build_roadmap(plain.field, np.array(places), plain.clearance_m, starts=len(starts_enu_m))

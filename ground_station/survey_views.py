@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ground_station.airspace import Airspace
+from ground_station.obstacles import NO_HITS
 from ground_station.prior import Prior
 from ground_station.views_file import read_views
 from missions.camera import Pose, View
@@ -55,7 +56,7 @@ def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
 
 
 def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: Sequence[Pose],
-                 starts_enu_m: list[Array], prior: Prior | None = None) -> list[View]:
+                 starts_enu_m: list[Array], prior: Prior | None = None, hits_enu_m: Array = NO_HITS) -> list[View]:
     """The survey's views with ids from FIRST_VIEW_ID up. explored: the exploration's poses that may be flown again."""
     spec = mission.survey
     if spec.views == "file":
@@ -63,7 +64,7 @@ def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: S
     elif spec.views in ("exploration", "frames"):
         poses = list(explored[: spec.max_views])
     else:
-        poses = _planned(mission, grid, Airspace.of(grid, mission, site, prior), site, starts_enu_m)
+        poses = _planned(mission, grid, Airspace.of(grid, mission, site, prior, hits_enu_m), site, starts_enu_m)
     return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from ground_station.airspace import Airspace
 from ground_station.prior import Prior
 from missions.frames import Array
-from missions.grid import VoxelGrid
-from missions.messages import SiteBrief
 from missions.mission import Mission
 from planning.paths import NoPath
 from planning.paths.thesis import way_round
@@ -26,9 +24,8 @@ class ThesisAirspace(Airspace):
     seed: int
 
     @classmethod
-    def with_prior(cls, prior: Prior, grid: VoxelGrid, mission: Mission, site: SiteBrief) -> ThesisAirspace:
-        """The airspace of a prior model."""
-        plain = Airspace.of(grid, mission, site, prior)
+    def with_prior(cls, plain: Airspace, prior: Prior, mission: Mission) -> ThesisAirspace:
+        """The airspace of a prior model, thought of as the thesis does."""
         return cls(plain.field, plain.clearance_m, plain.separation_m, plain.lower_enu_m, plain.upper_enu_m,
                    np.asarray(prior.mesh.triangles, dtype=np.float64), mission.seed)
 

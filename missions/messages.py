@@ -223,6 +223,14 @@ class RangeScan(Message, frozen=True, kw_only=True):
     ranges_m: list[float]
 
 
+class RangeHits(Message, frozen=True, kw_only=True):
+    """Vehicle to ground: where its range sensor has hit something for the first time, one point per small cell, so that
+    the ways of others keep clear of it too. No map is made of it."""
+
+    t_ns: int
+    points_enu_m: list[Vector]
+
+
 # --- maps ------------------------------------------------------------------------------------------------------------
 
 

@@ -71,7 +71,7 @@ class FleetSpec(_Section, frozen=True, kw_only=True):
     jerk_m_s3: Positive = 6.0
     yaw_rate_deg_s: Positive = 60.0
     range_sensor_m: Positive = 8.0
-    """Reach of the simulated obstacle sensor. It serves avoidance only, never exploration or mapping."""
+    """Reach of the simulated obstacle sensor. It keeps ways clear, on board and on the ground; no map is made of it."""
 
 
 class BatterySpec(_Section, frozen=True, kw_only=True):

@@ -9,6 +9,8 @@ import numpy as np
 from missions.frames import Array
 
 RANGE_DIRECTION_COUNT = 1280
+HIT_RADIUS_M = 0.2
+"""A hit stands for the surface around it, which the rays beside it missed."""
 
 
 def fibonacci_directions(count: int) -> Array:

@@ -42,6 +42,7 @@ MAVLINK_UP = Topic("v/{id}/mavlink/up", m.MavlinkFrames, lockstep=True)
 PLAN_VERDICT = Topic("v/{id}/plan/verdict", m.PlanVerdict, lockstep=True)
 LEG_REPORT = Topic("v/{id}/leg", m.LegReport, lockstep=True)
 PICTURE_CHUNK = Topic("v/{id}/picture", m.PictureChunk, lockstep=True)
+RANGE_HITS = Topic("v/{id}/hits", m.RangeHits, lockstep=True)
 
 # ground to vehicle
 MAVLINK_DOWN = Topic("g/{id}/mavlink/down", m.MavlinkFrames, lockstep=True)

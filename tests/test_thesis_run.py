@@ -144,8 +144,8 @@ def test_legs_in_flight_lead_around_the_model_with_the_vehicles_clearance() -> N
     mission = Mission(title="t", knowledge="mesh", explore=ExploreSpec(enabled=False),
                       survey=SurveySpec(method="thesis"))
     prior = Prior.of(BOX, mission, SITE)
-    space = ThesisAirspace.with_prior(prior, prior.grid, mission, SITE)
     plain = Airspace.of(prior.grid, mission, SITE, prior)
+    space = ThesisAirspace.with_prior(plain, prior, mission)
     left, right, mate = np.array([-6.5, 0.0, 4.0]), np.array([6.5, 1.0, 4.0]), np.array([-6.5, 4.0, 4.0])
     for mates in ([], [mate]):
         path = space.path(left, right, mates)

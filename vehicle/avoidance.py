@@ -8,11 +8,11 @@ import numpy as np
 
 from missions.frames import Array
 from missions.mission import FleetSpec
-from missions.sensors import fibonacci_directions
+from missions.sensors import HIT_RADIUS_M, fibonacci_directions
 from planning.deconflict import distance_to_polyline_m
 from planning.paths import NoPath, ObstacleField, plan_path, reachable
 from planning.trajectories import Flight
-from vehicle.sensor_memory import HIT_RADIUS_M, SensorMemory
+from vehicle.sensor_memory import SensorMemory
 from vehicle.teammates import Conflict, Teammates
 
 REPLAN_SPARE_M = 0.15

@@ -13,13 +13,11 @@ from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from missions.messages import RangeScan, SiteBrief
 from missions.mission import Mission
 from missions.pads import geofence, takeoff_columns
-from missions.sensors import RANGE_DIRECTIONS
+from missions.sensors import HIT_RADIUS_M, RANGE_DIRECTIONS
 from planning.deconflict import distance_to_polyline_m
 from planning.paths import MeshField, ObstacleField, VoxelField
 
 HIT_CELL_M = 0.25
-HIT_RADIUS_M = 0.2
-"""A hit stands for the surface around it, which the rays beside it missed."""
 HIT_MEMORY_NS = 120_000_000_000
 FORGET_EVERY_NS = 10_000_000_000
 CORNERS = np.array([(i, j, k) for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
@@ -64,6 +62,7 @@ class SensorMemory:
         self._keys: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._points: Array = np.zeros((0, 3))
         self._new: Array = np.zeros((0, 3))
+        self._untold: Array = np.zeros((0, 3))
         self._seen_ns: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._forget_ns = 0
         self._grid = VoxelGrid.unknown(lower_enu_m, upper_enu_m, voxel_m)
@@ -103,6 +102,11 @@ class SensorMemory:
         for teammate in teammates_enu_m:
             keep &= np.linalg.norm(hits - teammate, axis=1) > near_teammate_m
         self._remember(hits[keep], scan.t_ns)
+
+    def take_untold(self) -> Array:
+        """(n, 3) what has been hit for the first time since this was last asked."""
+        untold, self._untold = self._untold, np.zeros((0, 3))
+        return untold
 
     def field(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
         """The obstacles in the box around a and b, grown by margin_m and some more. Everything outside is solid,
@@ -145,6 +149,7 @@ class SensorMemory:
             self._keys = np.insert(self._keys, place[fresh], keys[fresh])
             self._points = np.insert(self._points, place[fresh], hits[first[fresh]], axis=0)
             self._seen_ns = np.insert(self._seen_ns, place[fresh], t_ns)
+            self._untold = np.concatenate([self._untold, hits[first[fresh]]])
             self.hit_version += 1
             self._note_new()
         if t_ns >= self._forget_ns:

@@ -28,6 +28,7 @@ from missions.messages import (
     PictureAck,
     PlanHash,
     PlanVerdict,
+    RangeHits,
     RangeScan,
     SensorPicture,
     SiteBrief,
@@ -209,6 +210,9 @@ class Vehicle:
             self._send(topics.LEG_REPORT, LegReport(
                 plan_id=self._accepted.plan_id if self._accepted is not None else 0, view_id=view_id,
                 outcome="unreachable", detail="the camera gave no picture"))
+        hits = self.memory.take_untold()
+        if len(hits):
+            self._send(topics.RANGE_HITS, RangeHits(t_ns=t_ns, points_enu_m=[vector(p) for p in hits]))
         announcement = self.pilot.helm.announcement(t_ns)
         if announcement is not None:
             self._send(topics.ANNOUNCED, announcement)
