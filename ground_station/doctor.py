@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 import psutil
 from rich.console import Console
 from rich.table import Table
+
+from missions.console import print_result
 
 PROBES = {
     "Open3D": "import open3d; print(open3d.__version__)",
@@ -114,12 +115,9 @@ def main(argv: list[str] | None = None) -> int:
     options = parser.parse_args(argv)
     with Console(stderr=True).status("looking") as status:
         findings = examine(lambda name: status.update(f"trying {name}"))
-    if options.json:
-        sys.stdout.write(json.dumps([asdict(f) for f in findings], indent=2) + "\n")
-    else:
-        table = Table("", "what", "found", "what to do")
-        for f in findings:
-            mark = "[green]works" if f.works else ("[red]fails" if f.required else "[yellow]missing")
-            table.add_row(mark, f.name, f.detail, "" if f.works else f.remedy)
-        Console().print(table)
+    table = Table("", "what", "found", "what to do")
+    for f in findings:
+        mark = "[green]works" if f.works else ("[red]fails" if f.required else "[yellow]missing")
+        table.add_row(mark, f.name, f.detail, "" if f.works else f.remedy)
+    print_result(findings, table, options.json)
     return 0 if all(f.works or not f.required for f in findings) else 1

@@ -7,19 +7,17 @@ begin at the first view of their cluster and legs are straight.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from ground_station.allocate.places import read_places
 from ground_station.report.run_data import read_run
 from ground_station.report.thesis_page import comparison_rows
 from ground_station.report.thesis_run import Setting, ThesisRun, plan_both, plan_run, reported_plan, write_waypoints
+from missions.console import print_result
 from missions.errors import UserError
 from missions.run_folder import RunFolder
 from planning.allocate.thesis_experiment import Discharge, Experiment
@@ -38,15 +36,11 @@ def main(argv: list[str] | None = None) -> int:
         written = found.plans["distance"]
     if options.npz is not None:
         write_waypoints(written, options.npz)
-    if options.json:
-        told = {cost: document(found, plan) for cost, plan in found.plans.items()}
-        sys.stdout.write(json.dumps(told, indent=1) + "\n")
-        return 0
     head, *rows = comparison_rows(found, reported)
     table = Table(*head)
     for row in rows:
         table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
+    print_result({cost: document(found, plan) for cost, plan in found.plans.items()}, table, options.json)
     return 0
 
 

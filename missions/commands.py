@@ -11,10 +11,10 @@ import sys
 from typing import Any
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
 from missions import mission as spec
+from missions.console import print_result
 from missions.mission import Mission
 from missions.mission_file import MISSIONS_FOLDER, find_mission, load_mission
 
@@ -54,13 +54,10 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.write(json.dumps(msgspec.to_builtins(mission), indent=2) + "\n")
         return 0
     rows: list[dict[str, Any]] = list(fields()) if options.fields else listing()
-    if options.json:
-        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
-        return 0
     table = Table(*rows[0].keys(), show_lines=options.fields)
     for row in rows:
         table.add_row(*(str(v) for v in row.values()))
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
+    print_result(rows, table, options.json)
     return 0
 
 

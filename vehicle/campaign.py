@@ -8,13 +8,11 @@ been flown and all have landed; it counts as a deadlock when nobody moves for lo
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +21,7 @@ from rich.progress import track as progress
 from rich.table import Table
 
 from missions.clock import vehicle_name
+from missions.console import print_result
 from missions.frames import Array
 from missions.mavlink import Route, Waypoint
 from missions.messages import AnnouncedTrajectory
@@ -233,12 +232,8 @@ def main(argv: Sequence[str]) -> int:
     results = list(progress(_results(options), total=options.missions, console=Console(stderr=True),
                             description="missions"))
     summary = _summary(results, time.perf_counter() - start)
-    failed = [asdict(r) for r in results if not r.good]
-    if options.json:
-        json.dump({"summary": summary, "failed": failed}, sys.stdout, indent=2)
-        sys.stdout.write("\n")
-    else:
-        Console().print(_table(summary))
+    failed = [r for r in results if not r.good]
+    print_result({"summary": summary, "failed": failed}, _table(summary), options.json)
     return 1 if failed else 0
 
 

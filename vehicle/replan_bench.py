@@ -7,17 +7,15 @@ are processor time of the thread.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from missions.console import print_result
 from missions.errors import UserError
 from missions.frames import Array
 from missions.mission import FleetSpec
@@ -59,11 +57,7 @@ def main(argv: Sequence[str]) -> int:
     if options.replans < 1:
         raise UserError("--replans must be at least 1; give a larger number.")
     rows = [row for path in options.files for row in measured(path, options.replans)]
-    if options.json:
-        json.dump([asdict(row) for row in rows], sys.stdout, indent=2)
-        sys.stdout.write("\n")
-    else:
-        Console(width=None if sys.stdout.isatty() else 120).print(_table(rows))
+    print_result(rows, _table(rows), options.json)
     return 0
 
 

@@ -7,20 +7,19 @@ random places in a cube are shared out instead, and the table shows how time gro
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, Group
 from rich.progress import track
 from rich.table import Table
 
 from ground_station.allocate.methods import Answer, Task, answer, task_of
 from ground_station.allocate.places import Places, keys_of, read_places
+from missions.console import print_result
 from missions.errors import UserError
 from planning.allocate.minmax import Effort
 
@@ -54,13 +53,8 @@ def main(argv: list[str] | None = None) -> int:
             for limit in options.time_limit or [None] for method in options.methods]
     rows = [_row(name, task, limit, answer(task, method, _effort(limit), options.seed), best)
             for name, task, method, limit in track(runs, "allocating", console=Console(stderr=True))]
-    if options.json:
-        sys.stdout.write(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
-        return 0
-    console = Console(width=None if sys.stdout.isatty() else 140)
-    if len(rows) <= options.most_rows:
-        console.print(_table(rows))
-    console.print(_summary(rows))
+    tables = [_table(rows), _summary(rows)] if len(rows) <= options.most_rows else [_summary(rows)]
+    print_result(rows, Group(*tables), options.json)
     return 0
 
 

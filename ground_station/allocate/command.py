@@ -9,16 +9,14 @@ done.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 from ground_station.allocate.methods import Answer, Task, answer, task_of
 from ground_station.allocate.places import read_places
+from missions.console import print_result
 from missions.errors import UserError
 from planning.allocate.cost import LegCost
 from planning.allocate.minmax import Effort
@@ -33,10 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     task = _task(options)
     effort = Effort() if options.time_limit is None else Effort(time_limit_s=options.time_limit)
     found = answer(task, options.method, effort, options.seed)
-    if options.json:
-        sys.stdout.write(json.dumps(asdict(found) | {"unit": _unit(task)}, indent=1) + "\n")
-    else:
-        Console().print(_table(task, found))
+    print_result(asdict(found) | {"unit": _unit(task)}, _table(task, found), options.json)
     return 0
 
 

@@ -8,11 +8,9 @@ events.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 from ground_station.allocate.places import read_places
+from missions.console import print_result
 from missions.frames import Array
 from planning.allocate import thesis_reassign
 from planning.allocate.minmax import Effort, solve
@@ -84,10 +83,7 @@ def main(argv: list[str] | None = None) -> int:
     scene = in_flight(_places(options), options.vehicles, options.seed)
     rows = [measure(event, change(scene, np.random.default_rng(options.seed)), options.seed)
             for event, change in track(EVENTS.items(), "reassigning", console=Console(stderr=True))]
-    if options.json:
-        sys.stdout.write(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
-    else:
-        Console(width=None if sys.stdout.isatty() else 150).print(_table(rows))
+    print_result(rows, _table(rows), options.json)
     return 0
 
 

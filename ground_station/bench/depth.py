@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -26,6 +24,7 @@ from rich.table import Table
 
 from ground_station.bench.depth_page import Shown, write_page
 from ground_station.bench.depth_scores import Pixels, Row, counted, judged, summary
+from missions.console import print_result
 from missions.errors import UserError
 from missions.walks import Walks, truth_path, walks_path
 from perception.depth.depth_map import DepthMap
@@ -54,11 +53,7 @@ def main(argv: Sequence[str]) -> int:
         rows.append(summary("all", pictures, pixels, sum(row.cpu_seconds * row.pictures for row in rows) / pictures))
     if options.page:
         write_page(options.page, rows, pixels, [shown for _, _, shown in results])
-    if options.json:
-        json.dump([asdict(row) for row in rows], sys.stdout, indent=2)
-        sys.stdout.write("\n")
-    else:
-        Console(width=None if sys.stdout.isatty() else 160).print(_table(rows))
+    print_result(rows, _table(rows), options.json)
     return 0
 
 

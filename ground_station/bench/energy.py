@@ -8,20 +8,19 @@ that was flown in the end.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Group
 from rich.table import Table
 
 from ground_station.report.energy import predicted_plans, used_percent
 from ground_station.report.run_data import RunData, read_run
+from missions.console import print_result
 from missions.frames import Array
 from missions.mission import AirframeSpec
 from missions.mission_file import find_mission, load_mission
@@ -74,15 +73,10 @@ def main(argv: Sequence[str]) -> int:
     model = fit(airframe)
     points, watts = beside_published(model, airframe), model.cruise_w(SPEEDS_M_S)
     rows = [row for run in options.runs for row in consumption(run.name, read_run(RunFolder(run)))]
-    if options.json:
-        document = {"airframe": msgspec.to_builtins(airframe), "model": asdict(model),
-                    "curve": [{"speed_m_s": v, "power_w": w} for v, w in zip(SPEEDS_M_S.tolist(), watts.tolist(),
-                                                                             strict=True)],
-                    "published": [asdict(p) for p in points], "runs": [asdict(r) for r in rows]}
-        json.dump(document, sys.stdout, indent=2)
-        sys.stdout.write("\n")
-    else:
-        Console().print(Group(_published_table(points), _curve_table(watts), *([_runs_table(rows)] if rows else [])))
+    curve = [{"speed_m_s": v, "power_w": w} for v, w in zip(SPEEDS_M_S.tolist(), watts.tolist(), strict=True)]
+    tables = [_published_table(points), _curve_table(watts), *([_runs_table(rows)] if rows else [])]
+    print_result({"airframe": msgspec.to_builtins(airframe), "model": model, "curve": curve, "published": points,
+                  "runs": rows}, Group(*tables), options.json)
     return 0
 
 

@@ -8,11 +8,9 @@ shortest way that any of the planners found.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -24,6 +22,7 @@ from rich.table import Table
 
 from ground_station.bench.path_worlds import CLEARANCE_M, PASSAGES, Query, in_structure, made_up
 from ground_station.bench.sampling import MAX_ITERATIONS, sampled_path
+from missions.console import print_result
 from missions.errors import UserError
 from missions.frames import Array
 from planning.paths import MeshField, NoPath, ObstacleField, VoxelField, plan_path
@@ -88,11 +87,7 @@ def main(argv: Sequence[str]) -> int:
             answers += [ask(planner, name, query, knowledge, number) for name, planner in planners.items()
                         if knowledge == "mesh" or name != THESIS]
     rows = summed(answers)
-    if options.json:
-        json.dump([asdict(row) for row in rows], sys.stdout, indent=2)
-        sys.stdout.write("\n")
-    else:
-        Console(width=None if sys.stdout.isatty() else 140).print(_table(rows))
+    print_result(rows, _table(rows), options.json)
     return 0
 
 

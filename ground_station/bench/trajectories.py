@@ -8,11 +8,9 @@ reckon all legs grows with their number.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -26,6 +24,7 @@ from ground_station.legs import CORNER_PASS_M
 from ground_station.report.run_data import RunData, read_run
 from ground_station.survey_method import shooting_of
 from missions.camera import Pose, View
+from missions.console import print_result
 from missions.errors import UserError
 from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, VoxelGrid
@@ -92,11 +91,7 @@ def main(argv: Sequence[str]) -> int:
     rows = [measured(task_of_run(read_run(RunFolder(task))) if isinstance(task, Path)
                      else task_around_a_box(task, options.seed), options.seed)
             for task in track(tasks, "flying", console=Console(stderr=True))]
-    if options.json:
-        json.dump([asdict(row) for row in rows], sys.stdout, indent=1)
-        sys.stdout.write("\n")
-    else:
-        Console(width=None if sys.stdout.isatty() else 140).print(_table(rows))
+    print_result(rows, _table(rows), options.json)
     return 0
 
 

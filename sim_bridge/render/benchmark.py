@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from missions.camera import Camera, Pose
+from missions.console import print_result
 from missions.mission import CameraSpec, RenderSpec, SceneSpec, SiteSpec
 from sim_bridge.render.renderer import Renderer, make_renderer
 from sim_bridge.render.sensor import encode_jpeg
@@ -59,11 +57,7 @@ def main(argv: Sequence[str]) -> int:
         backend = renderer.backend_name
         rows += [measure(renderer, scene, size, max(1, options.frames)) for size in SIZES]
         renderer.close()
-    if options.json:
-        json.dump({"backend": backend, "rows": [asdict(row) for row in rows]}, sys.stdout, indent=2)
-        sys.stdout.write("\n")
-    else:
-        Console().print(_table(rows, backend))
+    print_result({"backend": backend, "rows": rows}, _table(rows, backend), options.json)
     return 0
 
 
