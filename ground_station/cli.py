@@ -33,7 +33,7 @@ COMMANDS = (
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
-    Command("macarons", "ground_station.macarons_command:main", "take over MACARONS' and Blender's files, or write them"),
+    Command("macarons", "ground_station.macarons_command:main", "take over MACARONS' and Blender's files, or give them"),
     Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on given views"),
     Command("bench", "ground_station.cli:bench", "measure one part: allocate, paths, energy, deconflict, ..."),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),

@@ -66,19 +66,17 @@ def plane_depths(device: torch.device) -> Tensor:
 def cost_volume(own: Tensor, others: Tensor, camera: Tensor, source_from_target: Tensor) -> Tensor:
     """(b, 96, h, w) mean distance between features (b, f, h, w) and the sources' (b, k, f, h, w), averaged over those
     that see a plane; where none does, the distance to nothing, as in MACARONS."""
-    b, k = others.shape[:2]
-    h, w = own.shape[-2:]
+    b, f, h, w = own.shape
     rays = pixel_rays(camera, h, w)
-    cost = []
-    for depth in plane_depths(own.device):
-        total, seen = torch.zeros_like(own), own.new_zeros(b, 1, h, w)
-        for i in range(k):
-            grid, ahead = project(rays * depth, source_from_target[:, i], camera)
-            inside = (ahead & (grid.abs() <= 1.0).all(dim=-1))[:, None].to(own.dtype)
-            total = total + functional.grid_sample(others[:, i], grid, align_corners=False) * inside
-            seen = seen + inside
-        cost.append((own - total / seen.clamp(min=1.0)).abs().mean(dim=1))
-    return torch.stack(cost, dim=1)
+    points = (rays[:, None] * plane_depths(own.device)[:, None, None, None]).flatten(1, 2)
+    total, seen = own.new_zeros(b, f, PLANES * h, w), own.new_zeros(b, 1, PLANES * h, w)
+    for i in range(others.shape[1]):
+        grid, ahead = project(points, source_from_target[:, i], camera)
+        inside = (ahead & (grid.abs() <= 1.0).all(dim=-1))[:, None].to(own.dtype)
+        total = total + functional.grid_sample(others[:, i], grid, align_corners=False) * inside
+        seen = seen + inside
+    mean = (total / seen.clamp(min=1.0)).view(b, f, PLANES, h, w)
+    return (own[:, :, None] - mean).abs().mean(dim=1)
 
 
 def pixel_rays(camera: Tensor, h: int, w: int) -> Tensor:
