@@ -1,0 +1,115 @@
+"""What a method knows of the space around the lattice: the voxel map from plane-sweep depth, and where it may fly.
+
+Depth and map are tuned for a sensing range of about 25 m. A trial's scene may be a chapel or a power station, so the
+map is kept in units of its own, in which the trial's sensing range measures 25: every pose is scaled on its way in.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from missions.camera import Pose
+from missions.frames import Array
+from missions.grid import OCCUPIED, SurfaceVoxels, VoxelGrid
+from missions.nbv_trial import Frame, TrialBrief
+from missions.pose_lattice import AXIS_STEPS, Index5, Indices, PoseLattice
+from perception.mapping.explorer_map import ExplorerMap
+from perception.mapping.voxel_map import MapSettings
+
+RANGE = 25.0
+"""The sensing range in the map's units."""
+VOXEL = 0.5
+RIM = 3.0
+"""How far the map reaches beyond lattice and object."""
+
+
+class Explored:
+    """The map of one trial, in map units (`scale` of them per metre)."""
+
+    def __init__(self, brief: TrialBrief, workers: int = 1) -> None:
+        self.scale = RANGE / brief.sensing_range_m
+        self.lattice = _scaled_lattice(brief.lattice, self.scale)
+        self.object_min, self.object_max = (self.scale * np.array(corner)
+                                            for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
+        self.ground_up = self.scale * brief.ground_up_m
+        self.clearance = self.scale * brief.fleet.clearance_m
+        lower = np.minimum(self.object_min, self.lattice.lower_enu_m) - RIM
+        upper = np.maximum(self.object_max, self.lattice.upper_enu_m) + RIM
+        self._camera = brief.camera
+        self._map = ExplorerMap(lower, upper, VOXEL, MapSettings(sensing_range_m=RANGE), workers=workers)
+        for start in brief.starts:
+            at = np.array(self.pose(start).position_enu_m)
+            self._map.mark_free(at - self.clearance / math.sqrt(3.0), at + self.clearance / math.sqrt(3.0))
+        self.grid: VoxelGrid = self._map.grid()
+        self._stale = False
+
+    def see(self, frame: Frame) -> None:
+        """Take a picture in."""
+        self._map.add_picture(frame.rgb, self._camera, self.scaled(frame.pose))
+        self._stale = True
+
+    def refresh(self) -> None:
+        """Bring the map up to date with the pictures."""
+        if self._stale:
+            self._map.update()
+            self.grid = self._map.grid()
+            self._stale = False
+
+    def pose(self, index: Index5) -> Pose:
+        """A view of the lattice, in map units."""
+        return self.lattice.pose(index)
+
+    def scaled(self, pose: Pose) -> Pose:
+        """A pose given in metres, in map units."""
+        x, y, z = pose.position_enu_m
+        return Pose((x * self.scale, y * self.scale, z * self.scale), pose.yaw_enu_rad, pose.elevation_rad)
+
+    @property
+    def surface(self) -> SurfaceVoxels:
+        """Known surface."""
+        return self._map.surface()
+
+    @property
+    def coverage(self) -> float:
+        """The map's own estimate of how much of the object is known, 0 to 1."""
+        return self._map.predicted_coverage(self.object_min, self.object_max)
+
+    def inside_object_box(self) -> tuple[slice, ...]:
+        """The part of the grid that the object's box touches."""
+        low = np.maximum(self.grid.index(self.object_min), 0)
+        high = self.grid.index(self.object_max) + 1
+        return tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+
+    def open_edges(self) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps that keep the clearance from all that the map knows to be occupied."""
+        number = np.arange(len(self.lattice.positions_enu_m)).reshape(self.lattice.shape)
+        edges = np.zeros((number.size, len(AXIS_STEPS)), dtype=np.bool_)
+        solid = self.grid.centers(np.argwhere(self.grid.state == OCCUPIED))
+        tree = cKDTree(solid) if len(solid) else None
+        for axis in range(3):
+            a, b = (np.delete(number, end, axis=axis).ravel() for end in (-1, 0))
+            open_ = np.ones(len(a), dtype=np.bool_)
+            if tree is not None and len(a):
+                open_ = self._room(tree, a, b) >= self.clearance
+            edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True
+        return edges
+
+    def _room(self, solid: cKDTree, a: Indices, b: Indices) -> Array:
+        """(e,) least distance to the surface of solid voxels along legs between positions (e,) each."""
+        start, end = self.lattice.positions_enu_m[a], self.lattice.positions_enu_m[b]
+        samples = 2 + int(np.linalg.norm(end[0] - start[0]) / VOXEL)
+        along = start + np.linspace(0.0, 1.0, samples)[:, None, None] * (end - start)
+        reach = self.clearance + VOXEL
+        distance, _ = solid.query(along, distance_upper_bound=reach)
+        result: Array = np.minimum(distance, reach).min(axis=0) - 0.5 * VOXEL
+        return result
+
+
+def _scaled_lattice(lattice: PoseLattice, scale: float) -> PoseLattice:
+    (a, b, c), (d, e, f) = lattice.lower_enu_m, lattice.upper_enu_m
+    return PoseLattice((a * scale, b * scale, c * scale), (d * scale, e * scale, f * scale), lattice.shape,
+                       lattice.elevations_deg, lattice.azimuths)
