@@ -8,7 +8,7 @@ import numpy as np
 
 from missions.frames import Array
 from missions.messages import AnnouncedTrajectory
-from planning.trajectories import Flight, Limits, State, Via, fly_run
+from planning.trajectories import Curve, Flight, Limits, State, Via, fly_run
 from vehicle.avoidance import Avoidance, Knowledge
 from vehicle.right_of_way import RightOfWayRules, Trail, same_place
 from vehicle.run_planner import Run, RunPlanner
@@ -16,6 +16,8 @@ from vehicle.simulator import NS, KinematicSimulator
 from vehicle.teammates import STEP_NS, announce
 
 LOOK_AHEAD_NS = 200_000_000
+LOOK_AGAIN_S = 1.1
+"""From one look ahead to the next, at most: the longest tick that a mission may ask for, and some more."""
 
 
 @dataclass
@@ -119,12 +121,23 @@ class Helm:
         elif before is not None and before.map == self._checked.map:
             clear = self.avoidance.clear_of_hits(ahead)
         else:
-            clear = self.avoidance.still_clear(ahead) and self.avoidance.clear_of_hits(ahead)
+            clear = self.avoidance.clear_of_hits(ahead) and self._map_allows(ahead, t_ns)
         if not clear:
             self.detour, self.careful = [], True
         if not clear or self._must_yield(t_ns):
             self.stop(t_ns)
         return self._braking
+
+    def _map_allows(self, ahead_enu_m: Array, t_ns: int) -> bool:
+        """Whether a changed map leaves the rest of the flight (k, 3) clear; or whether the vehicle, looking again,
+        could still stop before what it takes away: often the sensor has swept that clear by then."""
+        if self.avoidance.still_clear(ahead_enu_m):
+            return True
+        self._checked = None
+        flight, now_s = self.simulator.flight, self.simulator.elapsed_s(t_ns)
+        again_s = min(now_s + LOOK_AGAIN_S, flight.duration_s)
+        stopping = Curve.chain([flight.curve.part(now_s, again_s), flight.stop(again_s).curve])
+        return self.avoidance.still_clear(stopping.sample(STEP_NS / NS)[1])
 
     def look_out_for_teammates(self, t_ns: int) -> None:
         """The part of look_ahead that also holds over the own pad."""
