@@ -1,20 +1,38 @@
-"""The default method: the expected new surface of every view within reach, and the first step of the way to the best."""
+"""The default method: imagine what is not seen yet, and plan several steps over what views of it would show.
+
+Occupancy of unknown voxels is imagined from the map; a view is worth the surface it is expected to show that no view
+before it has shown; the way with the best discounted sum is begun, and planned anew after every step (MAGICIAN, Li et
+al., CVPR 2026, showed that the planner is what decides). With several vehicles each plans on what the plans of the
+others leave to see.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from ground_station.nbv.explored import RANGE, Explored
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from missions.camera import Pose
 from missions.frames import Array
+from missions.grid import FREE, OCCUPIED, UNKNOWN
 from missions.nbv_trial import Choice, Frame, TrialBrief
-from missions.pose_lattice import UNREACHED, Index5, Indices, fewest_steps, way_back
-from planning.nbv.gain import GainField, GainSpec, count_looks, gain_field, lattice_gains, with_claims
-from planning.nbv.lattice import Lattice
+from missions.pose_lattice import TURNS, Index5
+from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
+from planning.nbv.rays import mark_rays
+from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
 
-DECAY_PER_STEP = 0.2
-"""A view this many steps farther (1 / decay) must promise e times the surface."""
-RAYS = 1024
+UNKNOWN_PER_M, FRONTIER_CHANCE, OUTSIDE_PER_M = 0.12, 0.5, 0.02
+"""What is imagined without a network: the chance per map unit that unknown space in the object's box stops a ray, the
+chance of an unknown voxel beside known surface, and the chance outside the box."""
+MAYBE_OPEN = 0.6
+"""How likely a step through unknown space will turn out to be open."""
+BLOCKED = 1e-3
+SHOWN_RAYS_ACROSS = 120
+AFRESH_EVERY = 10
+"""After so many decisions what was shown is cast anew: what later pictures found may have been in the way."""
 STOP_SHARE = 0.01
 """Exploration no longer pays when the best view promises less than this share of the best so far."""
 
@@ -25,70 +43,107 @@ class Swarmscan:
     def __init__(self, brief: TrialBrief) -> None:
         self._brief, self._lattice = brief, brief.lattice
         self._explored = Explored(brief)
-        scaled = self._explored.lattice
-        self._views = Lattice(scaled.positions_enu_m, *scaled.yaw_elevation_rad.T)
-        self._spec = GainSpec(sensing_range_m=RANGE)
-        self._looks = np.zeros(self._explored.grid.state.shape, dtype=np.uint8)
-        self._new_keys: list[Pose] = []
+        self._spec = HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
-        self._goals: dict[int, Pose] = {}
         self._came_from = dict(self._at)
-        self._visited = np.zeros(len(self._lattice), dtype=np.bool_)
+        self._visited = set(self._at.values())
+        self._plans: dict[int, list[int]] = {}
+        yaw, elevation = self._lattice.yaw_elevation_rad.T
+        self._orientations = Orientations.of(yaw, elevation, brief.camera)
+        self._shown = Shown(self._explored, brief)
+        self._decisions = 0
         self._largest = 0.0
 
     def see(self, frame: Frame) -> None:
         """Takes a picture in."""
         self._explored.see(frame)
         if frame.index is not None:
-            self._new_keys.append(self._explored.pose(frame.index))
-            self._visited[self._lattice.flat(frame.index)] = True
+            self._shown.poses.append(self._explored.pose(frame.index))
 
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
-        """One step on the way to the view whose gain, discounted by the way there, is greatest."""
+        """The first step of the best way; back to where it came from when none is known to be clear."""
         self._explored.refresh()
-        here = self._at[vehicle]
-        steps = self._lattice.steps_along(self._explored.open_edges())
-        given = np.array([self._lattice.flat(c) for c in candidates])
-        clear = given[np.isin(given, steps[here])]
-        distance = fewest_steps(steps, here)
-        gains = self._gains(distance, [pose for k, pose in self._goals.items() if k != vehicle])
-        self._largest = max(self._largest, float(gains.max()))
-        chosen = self._first_step(vehicle, clear if len(clear) else given, steps, distance, gains)
-        self._came_from[vehicle], self._at[vehicle] = here, chosen
-        self._goals[vehicle] = self._explored.pose(self._lattice.index(chosen))
-        area = 1.0 / self._explored.scale**2
-        return Choice(vehicle=vehicle, index=self._lattice.index(chosen), predicted_gain=area * float(gains[chosen]),
-                      coverage_estimate=self._explored.coverage,
-                      stop=bool(gains.max() < STOP_SHARE * self._largest))
+        occupancy = imagined_occupancy(self._explored)
+        novelty = self._shown.novelty(occupancy, afresh=self._decisions % AFRESH_EVERY == 0)
+        self._decisions += 1
+        seen = sights(ImaginedMap(self._explored.grid.origin_enu_m, VOXEL, occupancy, novelty),
+                      self._explored.lattice.positions_enu_m, self._orientations, RANGE)
+        best = float(seen.gains_m2.max())
+        self._largest = max(self._largest, best)
+        way = self._plan(vehicle, candidates, seen)
+        self._plans[vehicle], self._came_from[vehicle] = way.poses, self._at[vehicle]
+        self._at[vehicle] = way.poses[0]
+        self._visited.add(way.poses[0])
+        return Choice(vehicle=vehicle, index=self._lattice.index(way.poses[0]),
+                      predicted_gain=way.gains_m2[0] / self._explored.scale**2,
+                      coverage_estimate=self._explored.coverage, stop=best < STOP_SHARE * self._largest)
 
-    def _first_step(self, vehicle: int, options: Indices, steps: Indices, distance: Indices, gains: Array) -> int:
-        """The option on the way to the best view; where that is taken the best option, back where nothing promises."""
-        worth = np.where(distance > 0, gains * np.exp(-DECAY_PER_STEP * distance), 0.0)
-        if worth.max() > 0.0:
-            first = way_back(steps, distance, int(worth.argmax()))[0]
-            return first if first in options else int(options[gains[options].argmax()])
-        back = self._came_from[vehicle] // self._lattice.orientations
-        home = options[options // self._lattice.orientations == back]
-        return int(home[0]) if len(home) else int(options[0])
+    def _plan(self, vehicle: int, candidates: list[Index5], seen: Sights) -> Way:
+        """The best way over what the other vehicles' plans leave to see."""
+        left = seen.nothing_shown
+        for other, poses in self._plans.items():
+            if other != vehicle:
+                for pose in poses:
+                    left = seen.left_after(*divmod(pose, self._lattice.orientations), left)
+        passable = self._passable()
+        steps, here = self._lattice.steps, self._at[vehicle]
+        promised = promises(seen, left, steps, passable, self._spec)
+        way = best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
+                       self._first_steps(vehicle, candidates, passable), promised, self._spec)
+        assert way is not None
+        return way
 
-    def _gains(self, distance: Indices, claimed: list[Pose]) -> Array:
-        """(n,) expected new surface of every view that can be reached, in the map's square units."""
-        field = with_claims(self._field(), claimed, self._brief.camera)
-        reached = np.flatnonzero((distance.reshape(-1, self._lattice.orientations) != UNREACHED).any(axis=1))
-        gains = np.zeros((len(self._views.positions_enu_m), self._lattice.orientations))
-        gains[reached] = lattice_gains(field, self._views, self._brief.camera, reached, RAYS)
-        flat = gains.ravel()
-        flat[self._visited] = 0.0
-        return flat
+    def _passable(self) -> Array:
+        """(n, 30) how likely each step of the lattice is open."""
+        edges = np.where(self._explored.open_edges(), 1.0,
+                         np.where(self._explored.maybe_open_edges(), MAYBE_OPEN, 0.0))
+        result: Array = np.repeat(np.repeat(edges, len(TURNS), axis=1), self._lattice.orientations, axis=0)
+        return result
 
-    def _field(self) -> GainField:
-        explored = self._explored
-        surface = explored.surface
-        box = explored.object_min, explored.object_max
-        field = gain_field(explored.grid, surface, *box, self._spec, self._looks)
-        if self._new_keys:
-            for pose in self._new_keys:
-                self._looks = count_looks(field, self._looks, pose, self._brief.camera)
-            self._new_keys.clear()
-            field = gain_field(explored.grid, surface, *box, self._spec, self._looks)
-        return field
+    def _first_steps(self, vehicle: int, candidates: list[Index5], passable: Array) -> list[int]:
+        """Candidates that are known to be clear and new; else clear; else back; else any."""
+        here, given = self._at[vehicle], [self._lattice.flat(c) for c in candidates]
+        open_ = self._lattice.steps[here][passable[here] == 1.0]
+        clear = [n for n in given if n in open_]
+        home = self._came_from[vehicle] // self._lattice.orientations
+        back = [n for n in given if n // self._lattice.orientations == home]
+        return [n for n in clear if n not in self._visited] or clear or back or given
+
+
+class Shown:
+    """Which voxels the key poses so far have shown, by the map."""
+
+    def __init__(self, explored: Explored, brief: TrialBrief) -> None:
+        self.poses: list[Pose] = []
+        self._explored, self._done = explored, 0
+        self._seen = np.zeros(explored.grid.state.shape, dtype=np.bool_)
+        camera = brief.camera.scaled(SHOWN_RAYS_ACROSS,
+                                     math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px / brief.camera.width_px))
+        rays = camera.rays_camera().reshape(-1, 3)
+        self._rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+    def novelty(self, occupancy: NDArray[np.float32], afresh: bool) -> NDArray[np.float32]:
+        """Grid-shaped: 1 in the object's box where no key pose has shown what is there, else 0."""
+        if afresh:
+            self._seen[:], self._done = False, 0
+        label = np.round(occupancy * 255.0).astype(np.uint8)
+        chance = np.arange(256) / 255.0
+        for pose in self.poses[self._done:]:
+            start = (np.array(pose.position_enu_m) - self._explored.grid.origin_enu_m) / VOXEL
+            mark_rays(label, chance, self._seen, start, self._rays @ pose.enu_from_camera.T, RANGE / VOXEL, 0.5)
+        self._done = len(self.poses)
+        novelty = np.zeros(occupancy.shape, dtype=np.float32)
+        box = self._explored.inside_object_box()
+        novelty[box] = ~self._seen[box]
+        return novelty
+
+
+def imagined_occupancy(explored: Explored) -> NDArray[np.float32]:
+    """Grid-shaped chance that a voxel stops a ray, from the map and where it ends alone."""
+    state, box = explored.grid.state, explored.inside_object_box()
+    occupancy = np.full(state.shape, 1.0 - math.exp(-OUTSIDE_PER_M * VOXEL), dtype=np.float32)
+    occupancy[box] = 1.0 - math.exp(-UNKNOWN_PER_M * VOXEL)
+    near = ndimage.binary_dilation(state == OCCUPIED, np.ones((3, 3, 3), dtype=bool)) & (state == UNKNOWN)
+    occupancy[near] = FRONTIER_CHANCE
+    occupancy[state == FREE], occupancy[state == OCCUPIED] = 0.0, 1.0
+    return occupancy
