@@ -10,11 +10,12 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from missions.camera import Pose
 from missions.frames import Array
-from missions.grid import OCCUPIED, SurfaceVoxels, VoxelGrid
+from missions.grid import OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, Index5, Indices, PoseLattice
 from perception.depth.plane_sweep import SweepSettings
@@ -101,13 +102,32 @@ class Explored:
             edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True
         return edges
 
+    def clear_edges(self) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps that keep the clearance from all that is occupied, and from all of the object's box that
+        was not seen to be free. Unknown space elsewhere is taken for free: the object is not there."""
+        blocked = self.grid.state == OCCUPIED
+        box = self.inside_object_box()
+        blocked[box] |= self.grid.state[box] == UNKNOWN
+        room = VOXEL * (ndimage.distance_transform_edt(~blocked) - 0.5)
+        number = np.arange(len(self.lattice.positions_enu_m)).reshape(self.lattice.shape)
+        edges = np.zeros((number.size, len(AXIS_STEPS)), dtype=np.bool_)
+        for axis in range(3):
+            a, b = (np.delete(number, end, axis=axis).ravel() for end in (-1, 0))
+            i, j, k = np.moveaxis(self.grid.index(self._along(a, b)), -1, 0)
+            open_ = (room[i, j, k] >= self.clearance).all(axis=0)
+            edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True
+        return edges
+
+    def _along(self, a: Indices, b: Indices) -> Array:
+        """(s, e, 3) points on the legs between positions (e,) each."""
+        start, end = self.lattice.positions_enu_m[a], self.lattice.positions_enu_m[b]
+        samples = 2 + int(np.linalg.norm(end - start, axis=1).max(initial=0.0) / VOXEL)
+        return start + np.linspace(0.0, 1.0, samples)[:, None, None] * (end - start)
+
     def _room(self, solid: cKDTree, a: Indices, b: Indices) -> Array:
         """(e,) least distance to the surface of solid voxels along legs between positions (e,) each."""
-        start, end = self.lattice.positions_enu_m[a], self.lattice.positions_enu_m[b]
-        samples = 2 + int(np.linalg.norm(end[0] - start[0]) / VOXEL)
-        along = start + np.linspace(0.0, 1.0, samples)[:, None, None] * (end - start)
         reach = self.clearance + VOXEL
-        distance, _ = solid.query(along, distance_upper_bound=reach)
+        distance, _ = solid.query(self._along(a, b), distance_upper_bound=reach)
         result: Array = np.minimum(distance, reach).min(axis=0) - 0.5 * VOXEL
         return result
 

@@ -95,8 +95,8 @@ class Swarmscan:
 
     def _passable(self) -> Array:
         """(n, 30) how likely each step of the lattice is open."""
-        edges = np.where(self._explored.open_edges(), 1.0,
-                         np.where(self._explored.maybe_open_edges(), MAYBE_OPEN, 0.0))
+        edges = np.where(self._explored.clear_edges(), 1.0,
+                         np.where(self._explored.open_edges(), MAYBE_OPEN, 0.0))
         result: Array = np.repeat(np.repeat(edges, len(TURNS), axis=1), self._lattice.orientations, axis=0)
         return result
 
