@@ -1,4 +1,4 @@
-"""The default method: expected new surface of every view within reach, and the first step of the way to the best."""
+"""The default method: imagine what is not seen yet, and plan several steps over what views of it would show.
 
 Occupancy of unknown voxels is imagined from the map; a view is worth the surface it is expected to show that no view
 before it has shown; the way with the best discounted sum is begun, and planned anew after every step (MAGICIAN, Li et
