@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from missions.grid import FREE, OCCUPIED, VoxelGrid
 from planning.paths import VoxelField
-from planning.trajectories import Flight, Limits, State, Via, fly_route, fly_run, leg_time_s, run_length
+from planning.trajectories import MAX_RUN, Flight, Limits, State, Via, fly_route, fly_run, leg_time_s, run_length
 
 EXACT_M = 0.02
 seeds = st.integers(0, 2**32 - 1)
@@ -192,7 +192,7 @@ def test_a_corner_off_by_a_rounding_is_none() -> None:
 
 def test_runs_end_at_stops_and_are_not_endless() -> None:
     way = [Via(np.full(3, float(n)), 0.0, stop=n in (3, 4)) for n in range(100)]
-    assert [run_length(way), run_length(way[4:]), run_length(way[5:])] == [4, 1, 64]
+    assert [run_length(way), run_length(way[4:]), run_length(way[5:])] == [4, 1, MAX_RUN]
     assert run_length(way[95:]) == 5
 
 

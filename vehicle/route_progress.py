@@ -9,9 +9,8 @@ import numpy as np
 from missions.frames import Array
 from missions.mavlink import Route, Waypoint
 from missions.messages import LegReport, ShutterRequest
-from planning.trajectories import Via, run_length
+from planning.trajectories import MAX_RUN, Via, run_length
 from vehicle.camera import CameraPayload
-from vehicle.run_planner import MAX_RUN
 from vehicle.simulator import Kinematics
 
 

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from missions.frames import Array
-from planning.trajectories import Flight, Limits, State, Via, fly_run
+from planning.trajectories import MAX_RUN, Flight, Limits, State, Via, fly_run
 from vehicle.avoidance import Avoidance
 from vehicle.right_of_way import RightOfWayRules
 from vehicle.simulator import Kinematics
 from vehicle.teammates import Conflict
 
-MAX_RUN = 24
-"""Waypoints from one rest to the next: others have to wait for the end of what was announced."""
 SHORTER = 3
 """So often a run is cut short before what is left of it has to wait."""
 

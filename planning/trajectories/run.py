@@ -10,8 +10,8 @@ from planning.trajectories.curve import Curve, State
 from planning.trajectories.flight import Flight, joined
 from planning.trajectories.limits import Limits
 
-MAX_RUN = 64
-"""Waypoints of one run, at most."""
+MAX_RUN = 24
+"""Waypoints of one run, at most: other vehicles have to wait for the end of what was announced."""
 STILL_S = 0.02
 """The camera does not turn for this long around a shutter."""
 
