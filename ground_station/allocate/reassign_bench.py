@@ -9,53 +9,25 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from ground_station.allocate.fleet_in_flight import EVENTS, PERCENT_PER_M, FleetInFlight, in_flight, random_places
 from ground_station.allocate.places import read_places
 from missions.console import print_result
 from missions.frames import Array
 from planning.allocate import thesis_reassign
 from planning.allocate.minmax import Effort, solve
 from planning.allocate.minmax_tables import Warm
-from planning.allocate.problem import Problem, Sorties, Ways, appraise, violations
+from planning.allocate.problem import Problem, Sorties, appraise, violations
 from planning.allocate.reassign import IN_FLIGHT, reassign
 from planning.allocate.thesis_reassign import Receiver
 
-SIDE_M = np.array([60.0, 40.0, 25.0])
-PERCENT_PER_M = 0.05
 COLD = Effort(iterations=10 * (IN_FLIGHT.iterations or 0), chains=IN_FLIGHT.chains)
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A fleet in flight: views that are not flown yet, where its vehicles are, their pads, plans and batteries."""
-
-    views: Array
-    here: Array
-    pads: Array
-    flying: Sorties
-    percent: Array
-    forbidden: NDArray[np.bool_]
-
-    @property
-    def problem(self) -> Problem:
-        """What is left to do."""
-        ways = Ways.of_positions(self.views, self.here, self.pads, service=1.0)
-        energy = Ways.of_positions(self.views, self.here, self.pads, (PERCENT_PER_M,))
-        return Problem(ways, energy=energy, available_percent=self.percent, forbidden=self.forbidden)
-
-    @property
-    def owner(self) -> dict[int, int]:
-        """Which vehicle's plan each view is in."""
-        return {view: k for k, own in enumerate(self.flying) for sortie in own for view in sortie}
 
 
 @dataclass(frozen=True)
@@ -80,90 +52,41 @@ class Row:
 def main(argv: list[str] | None = None) -> int:
     """Run the benchmark."""
     options = _parser().parse_args(argv)
-    scene = in_flight(_places(options), options.vehicles, options.seed)
-    rows = [measure(event, change(scene, np.random.default_rng(options.seed)), options.seed)
+    fleet = in_flight(_places(options), options.vehicles, COLD, options.seed)
+    rows = [measure(event, change(fleet, options.seed), options.seed)
             for event, change in track(EVENTS.items(), "reassigning", console=Console(stderr=True))]
     print_result(rows, _table(rows), options.json)
     return 0
 
 
-def in_flight(places: Array, vehicles: int, seed: int) -> Scene:
-    """A third of every tour is flown; views are numbered anew."""
-    pads = np.random.default_rng(seed).uniform(0.0, 1.0, (vehicles, 3)) * np.ptp(places, axis=0) * [1.0, 1.0, 0.0]
-    pads += places.min(axis=0)
-    tours = solve(Problem(Ways.of_positions(places, pads, service=1.0)), COLD, seed).tours
-    left = sorted(view for tour in tours for view in tour[len(tour) // 3:])
-    number = {view: n for n, view in enumerate(left)}
-    here = np.array([places[tour[len(tour) // 3 - 1]] if len(tour) >= 3 else pad
-                     for tour, pad in zip(tours, pads, strict=True)])
-    flying = [[[number[view] for view in tour[len(tour) // 3:]]] for tour in tours]
-    return Scene(places[left], here, pads, flying, np.full(vehicles, 80.0), np.zeros((vehicles, len(left)), np.bool_))
-
-
-def measure(event: str, scene: Scene, seed: int) -> Row:
+def measure(event: str, fleet: FleetInFlight, seed: int) -> Row:
     """Reassign, search afresh, and let the thesis hand over."""
-    problem, begin = scene.problem, time.perf_counter()
-    found = reassign(problem, scene.flying, seed=seed)
+    problem, begin = fleet.problem, time.perf_counter()
+    found = reassign(problem, fleet.flying, seed=seed)
     middle = time.perf_counter()
-    next_legs = Warm([[own[0][:1]] for own in scene.flying], locked=[1] * problem.vehicles)
+    next_legs = Warm([[own[0][:1]] for own in fleet.flying], locked=[1] * problem.vehicles)
     cold = solve(problem, COLD, seed, next_legs)
-    end, owner = time.perf_counter(), scene.owner
+    end, owner = time.perf_counter(), fleet.owner
     changed = sum(owner.get(v, k) != k for k, tour in enumerate(cold.tours) for v in tour)
     best, ours = cold.makespan_s, found.allocation.makespan_s
     return Row(event, problem.views, problem.vehicles, middle - begin, ours, best, end - middle,
                100.0 * (ours / best - 1.0), sum(view in owner for view in found.receiver_of_view), changed,
-               len(found.allocation.left_over), len(violations(problem, found.allocation)), _thesis(event, scene))
+               len(found.allocation.left_over), len(violations(problem, found.allocation)), _thesis(event, fleet))
 
 
-def _lost(scene: Scene, rng: np.random.Generator) -> Scene:
-    return replace(scene, here=scene.here[:-1], pads=scene.pads[:-1], flying=scene.flying[:-1],
-                   percent=scene.percent[:-1], forbidden=scene.forbidden[:-1])
-
-
-def _joined(scene: Scene, rng: np.random.Generator) -> Scene:
-    pad = scene.pads.mean(axis=0, keepdims=True)
-    return replace(scene, here=np.vstack([scene.here, pad]), pads=np.vstack([scene.pads, pad]),
-                   flying=[*scene.flying, [[]]], percent=np.append(scene.percent, 80.0),
-                   forbidden=np.vstack([scene.forbidden, np.zeros((1, len(scene.views)), np.bool_)]))
-
-
-def _new_views(scene: Scene, rng: np.random.Generator) -> Scene:
-    new = rng.uniform(scene.views.min(axis=0), scene.views.max(axis=0), (max(1, len(scene.views) // 20), 3))
-    return replace(scene, views=np.vstack([scene.views, new]),
-                   forbidden=np.zeros((len(scene.here), len(scene.views) + len(new)), np.bool_))
-
-
-def _blocked(scene: Scene, rng: np.random.Generator) -> Scene:
-    forbidden = scene.forbidden.copy()
-    forbidden[0, scene.flying[0][0][2:4]] = True
-    return replace(scene, forbidden=forbidden)
-
-
-def _low(scene: Scene, rng: np.random.Generator) -> Scene:
-    """The battery of vehicle 1 lasts for 60 % of what it still has to fly."""
-    assert scene.problem.energy is not None
-    spent = appraise(scene.problem, scene.flying).energy_percent[0][0]
-    return replace(scene, percent=np.concatenate([[0.6 * spent], scene.percent[1:]]))
-
-
-EVENTS: dict[str, Callable[[Scene, np.random.Generator], Scene]] = {
-    "nothing": lambda scene, rng: scene, "low battery": _low, "vehicle lost": _lost, "vehicle joined": _joined,
-    "new views": _new_views, "blocked view": _blocked}
-
-
-def _thesis(event: str, scene: Scene) -> float | None:
+def _thesis(event: str, fleet: FleetInFlight) -> float | None:
     """Makespan when what nobody has, or what the low battery does not reach, goes behind the others' tours."""
     if event not in ("low battery", "vehicle lost"):
         return None
-    problem, tours = scene.problem, [list(own[0]) for own in scene.flying]
+    problem, tours = fleet.problem, [list(own[0]) for own in fleet.flying]
     kept = 0
     if event == "low battery":
         while kept < len(tours[0]) and not _over(problem, tours[0][:kept + 1]):
             kept += 1
-    pending = tours[0][kept:] if event == "low battery" else sorted(set(range(problem.views)) - scene.owner.keys())
+    pending = tours[0][kept:] if event == "low battery" else sorted(set(range(problem.views)) - fleet.owner.keys())
     low = event == "low battery"
     receivers = [Receiver(k, tours[k], len(tours[k]) // 2, problem.seconds.from_start[k], problem.seconds.to_home[k],
-                          float(scene.percent[k]) / PERCENT_PER_M) for k in range(int(low), problem.vehicles)]
+                          float(fleet.percent[k]) / PERCENT_PER_M) for k in range(int(low), problem.vehicles)]
     given = thesis_reassign.reassign(pending, receivers, problem.seconds.between[0])
     plan = [[given.tours.get(k, tours[k][:kept])] for k in range(problem.vehicles)]
     return appraise(problem, plan).makespan_s
@@ -179,7 +102,7 @@ def _over(problem: Problem, tour: list[int]) -> bool:
 def _places(options: argparse.Namespace) -> Array:
     if options.file is not None:
         return read_places(options.file, options.key).positions_m
-    return np.asarray(np.random.default_rng(options.seed).uniform(0.0, 1.0, (options.views, 3)) * SIDE_M)
+    return random_places(options.views, options.seed)
 
 
 def _parser() -> argparse.ArgumentParser:
