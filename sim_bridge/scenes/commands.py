@@ -1,4 +1,4 @@
-"""`swarmscan scenes`: list the built-in structures, export one, check a file."""
+"""`swarmscan scenes`: list the built-in structures, export one, check a file, walk around some."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import json
 import sys
 from pathlib import Path
 from typing import Any
+
+from rich.console import Console
+from rich.progress import track
 
 from missions.errors import UserError
 from missions.mission import SceneSpec, SiteSpec
@@ -46,6 +49,13 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("path", metavar="PATH", help="a GLB, OBJ, PLY or STL file, or a folder")
     check.add_argument("--units-per-metre", type=float, default=1.0, metavar="N")
     check.set_defaults(run=_check)
+    walks = commands.add_parser("walks", parents=[shared], help="write walks with true depth, to train on")
+    walks.add_argument("folder", metavar="DIR", type=Path, help="folder to write the walks into")
+    walks.add_argument("--scenes", nargs="+", required=True, metavar="SCENE", help="names of scenes, or files")
+    walks.add_argument("--walks", type=int, default=2, help="walks per scene (default %(default)s)")
+    walks.add_argument("--pictures", action="store_true", help="write pictures too")
+    walks.add_argument("--seed", type=int, default=1)
+    walks.set_defaults(run=_walks)
     return parser
 
 
@@ -70,6 +80,16 @@ def _check(args: argparse.Namespace) -> tuple[Any, str]:
     lines = [f"{found['name']}: {_size(found)} m, {found['parts']} parts, {found['object_triangles']} triangles, "
              f"{found['textured_parts']} parts with their own texture", *(f"- {note}" for note in found["notes"])]
     return found, "\n".join(lines)
+
+
+def _walks(args: argparse.Namespace) -> tuple[Any, str]:
+    from sim_bridge.training_walks import write_walks
+
+    args.folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name in track(args.scenes, "walking", console=Console(stderr=True)):
+        written += write_walks(name, args.folder, max(1, args.walks), args.seed, args.pictures)
+    return {"walks": [str(p) for p in written]}, f"{len(written)} walks are in {args.folder}"
 
 
 def _described(scene: Scene) -> dict[str, Any]:
