@@ -17,7 +17,7 @@ from planning.paths.fields import NO_SPHERES, VoxelField, paired, sphere_rows
 
 EXACT_BAND_M = 4.0
 """The lattice's distances are exact up to here, and below the truth by less than a voxel's diagonal beyond."""
-EXACT_SPARE_M = 0.5
+EXACT_SPARE_M = 0.2
 """A finer lattice is exact up to this much more than the clearance asked for."""
 PROBE_M = 1e-3
 FINER = 2
@@ -184,9 +184,9 @@ def _touched(triangles: Array, grid: VoxelGrid) -> NDArray[np.bool_]:
 
 def _to_border(shape: tuple[int, ...], voxel_m: float) -> NDArray[np.float32]:
     """Metres from voxel centres to the nearest face of the grid's box."""
-    steps = [np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5 for n in shape]
+    steps = [(np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5).astype(np.float32) for n in shape]
     nearest = np.minimum(np.minimum(steps[0][:, None, None], steps[1][None, :, None]), steps[2][None, None, :])
-    return np.asarray(nearest * voxel_m, dtype=np.float32)
+    return np.asarray(nearest * np.float32(voxel_m))
 
 
 def _hierarchy(vertices_enu_m: Array, faces: NDArray[np.int64]) -> Any:

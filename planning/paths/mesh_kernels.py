@@ -47,7 +47,12 @@ def lower_by_triangles(distance: NDArray[np.float32], triangles: Array, origin: 
             for j in range(lo[1], hi[1]):
                 y = origin[1] + j * voxel
                 gy = max(low[1] - y, 0.0, y - top[1])
-                for k in range(lo[2], hi[2]):
+                left = band * band - gx * gx - gy * gy
+                if left <= 0.0:
+                    continue
+                reach = math.sqrt(left)
+                first = max(lo[2], math.floor((low[2] - reach - origin[2]) / voxel))
+                for k in range(first, min(hi[2], math.ceil((top[2] + reach - origin[2]) / voxel) + 1)):
                     z = origin[2] + k * voxel
                     gz = max(low[2] - z, 0.0, z - top[2])
                     known = distance[i, j, k]
@@ -98,20 +103,25 @@ def cap(distance: NDArray[np.float32], origin: Array, voxel: float, known: NDArr
         known_voxel: float) -> None:
     """Lower distance[i, j, k], which holds at origin + (i, j, k) * voxel, to the most that the nearest point of a
     coarser lattice allows. 0 is a voxel that the surface touches there, less than 0 is inside and allows anything."""
-    nearest, off = np.empty(3, np.int64), np.empty(3)
+    first, step = (origin - known_origin) / known_voxel, voxel / known_voxel
     for i in range(distance.shape[0]):
+        a, x = _nearest(first[0] + i * step, known.shape[0])
         for j in range(distance.shape[1]):
+            b, y = _nearest(first[1] + j * step, known.shape[1])
             for k in range(distance.shape[2]):
-                off[0], off[1], off[2] = origin[0] + i * voxel, origin[1] + j * voxel, origin[2] + k * voxel
-                for axis in range(3):
-                    off[axis] = (off[axis] - known_origin[axis]) / known_voxel
-                    nearest[axis] = min(max(0, round(off[axis])), known.shape[axis] - 1)
-                    off[axis] -= nearest[axis]
-                room = known[nearest[0], nearest[1], nearest[2]]
+                c, z = _nearest(first[2] + k * step, known.shape[2])
+                room = known[a, b, c]
                 if room >= 0.0:
-                    away = known_voxel * math.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
+                    away = known_voxel * math.sqrt(x * x + y * y + z * z)
                     most = (room if room > 0.0 else HALF_DIAGONAL * known_voxel) + away + TOUCH_M
                     distance[i, j, k] = min(distance[i, j, k], most)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _nearest(place: float, count: int) -> tuple[int, float]:
+    """The whole number below count that is nearest to a place, 0 at least, and how far off the place is."""
+    whole = min(max(0, math.floor(place + 0.5)), count - 1)
+    return whole, place - whole
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
