@@ -67,7 +67,6 @@ class Telemetry:
     lat_deg: float = NAN
     lon_deg: float = NAN
     alt_m: float = NAN
-    mission_seq: int = -1
     mission_state: int = 0
     reached: set[int] = field(default_factory=set)
 
@@ -206,7 +205,7 @@ class VehicleLink:
         elif kind == "GLOBAL_POSITION_INT":
             known.lat_deg, known.lon_deg, known.alt_m = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
         elif kind == "MISSION_CURRENT":
-            known.mission_seq, known.mission_state = message.seq, message.mission_state
+            known.mission_state = message.mission_state
         elif kind == "MISSION_ITEM_REACHED":
             known.reached.add(message.seq)
         elif kind == "COMMAND_ACK":

@@ -62,5 +62,3 @@ RANGE_SCAN = Topic("w/{id}/range", m.RangeScan, lockstep=True)
 
 # for people
 STATUS = Topic("g/status", m.Status, lockstep=False)
-
-ALL: tuple[Topic[m.Message], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Topic))

@@ -16,7 +16,7 @@ from planning.allocate.thesis_experiment import Experiment
 from planning.allocate.ward import ward_linkage
 from planning.paths.thesis import NO_VIEW
 
-THESIS_COLOUR, SOFT, SURFACE = "#9aa5b1", "rgba(97,110,124,.75)", "#b8c0cc"
+THESIS_COLOUR, SURFACE = "#9aa5b1", "#b8c0cc"
 SHOWN_SURFACE = 12_000
 COST_NAMES = {"distance": "distance", "distance_elevation": "distance + elevation"}
 
