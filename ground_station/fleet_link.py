@@ -60,14 +60,7 @@ class Telemetry:
     """What a vehicle last said of itself. `state` is None until the first VehicleState."""
 
     state: VehicleState | None = None
-    armed: bool = False
-    custom_mode: int = 0
-    system_status: int = 0
     battery_percent: float = 100.0
-    lat_deg: float = NAN
-    lon_deg: float = NAN
-    alt_m: float = NAN
-    mission_state: int = 0
     reached: set[int] = field(default_factory=set)
 
 
@@ -196,18 +189,10 @@ class VehicleLink:
 
     def _on_message(self, message: Any) -> None:
         kind = message.get_type()
-        known = self.telemetry
-        if kind == "HEARTBEAT" and message.get_srcComponent() == AUTOPILOT_COMPONENT:
-            known.armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-            known.custom_mode, known.system_status = message.custom_mode, message.system_status
-        elif kind == "BATTERY_STATUS" and message.battery_remaining >= 0:
-            known.battery_percent = float(message.battery_remaining)
-        elif kind == "GLOBAL_POSITION_INT":
-            known.lat_deg, known.lon_deg, known.alt_m = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
-        elif kind == "MISSION_CURRENT":
-            known.mission_state = message.mission_state
+        if kind == "BATTERY_STATUS" and message.battery_remaining >= 0:
+            self.telemetry.battery_percent = float(message.battery_remaining)
         elif kind == "MISSION_ITEM_REACHED":
-            known.reached.add(message.seq)
+            self.telemetry.reached.add(message.seq)
         elif kind == "COMMAND_ACK":
             self._on_command_ack(message)
         elif self._queue and isinstance(self._queue[0], PlanUpload):
