@@ -93,6 +93,11 @@ class Airspace:
                     return np.asarray(places[n])
         return start_enu_m
 
+    def outline_clear(self, way_enu_m: Array) -> bool:
+        """Whether a vehicle, which does without the margin of plans, finds a polyline (k, 3) around a blend clear."""
+        need = self.clearance_m - PLAN_MARGIN_M
+        return bool(self.field.segments_clear(way_enu_m[:-1], way_enu_m[1:], need).all())
+
     def clear_at(self, points_enu_m: Array) -> Array:
         """(n,) bool: places where a vehicle may hover."""
         return np.asarray(self.field.clearance_m(points_enu_m) >= self.clearance_m)

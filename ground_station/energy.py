@@ -11,7 +11,7 @@ from missions.mavlink import Waypoint
 from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.pads import hover_points
-from planning.trajectories import Limits, leg_time_s
+from planning.trajectories import Clear, Limits, leg_time_s
 from planning.trajectories.energy import energy_of
 
 EXPLORE_ENERGY_SHARE = 0.5
@@ -48,10 +48,11 @@ class EnergyBudget:
         back = self._legs(home, DETOUR * np.linalg.norm(home, axis=1))
         return np.asarray(np.isfinite(way_m) & (there + back <= usable_percent))
 
-    def route_percent(self, state: VehicleState, waypoints: list[Waypoint]) -> float:
-        """Of flying these waypoints from hovering, as the vehicle will: smoothed, waiting for the next tick at every
-        stop, hovering while the plan is on its way up and the last picture on its way down."""
-        flight = predicted_flight(state, waypoints, self._limits, self._anchor)
+    def route_percent(self, state: VehicleState, waypoints: list[Waypoint], clear: Clear | None = None) -> float:
+        """Of flying these waypoints from hovering, as the vehicle will: smoothed, blending corners where that is
+        `clear`, waiting for the next tick at every stop, hovering while the plan is on its way up and the last picture
+        on its way down."""
+        flight = predicted_flight(state, waypoints, self._limits, self._anchor, clear)
         hovering_s = HANDLING_S + 0.5 * self._tick_s * sum(w.stop for w in waypoints)
         return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(hovering_s)
 

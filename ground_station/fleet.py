@@ -22,6 +22,7 @@ from missions.mavlink import Route, Waypoint
 from missions.messages import BatterySwap, LegReport, MavlinkFrames, SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.pads import hover_points
+from planning.trajectories import Clear
 
 log = logging.getLogger(__name__)
 
@@ -145,13 +146,13 @@ class Fleet:
         drone.stage = Stage.LAUNCHING
         drone.link.command(arm(), takeoff(float(self._origin_alt_m + drone.hover_enu_m[2])))
 
-    def fly(self, drone: Drone, phase: str, waypoints: list[Waypoint]) -> None:
-        """Send a hovering vehicle over these waypoints."""
+    def fly(self, drone: Drone, phase: str, waypoints: list[Waypoint], clear: Clear | None = None) -> None:
+        """Send a hovering vehicle over these waypoints, between which it will blend corners where that is `clear`."""
         self._plan_id += 1
         drone.stage, drone.goal, drone.refused, drone.idle_since_ns = Stage.FLYING, waypoints[-1], "", -1
         drone.awaited = [w.view_id for w in waypoints if w.view_id is not None]
         self._recorder.plan_begins(drone.vehicle_id, phase, len(drone.awaited), self.t_ns,
-                                   self._predicted_percent(drone, waypoints))
+                                   self._predicted_percent(drone, waypoints, clear))
         drone.link.fly(Route(plan_id=self._plan_id, phase=phase, waypoints=waypoints))
 
     def home(self, drone: Drone) -> None:
@@ -223,8 +224,8 @@ class Fleet:
             self._recorder.note(self.t_ns, f"vehicle {drone.vehicle_id} returns by itself at "
                                            f"{drone.battery_percent:.1f} %")
 
-    def _predicted_percent(self, drone: Drone, waypoints: list[Waypoint]) -> float | None:
-        return None if drone.state is None else self._energy.route_percent(drone.state, waypoints)
+    def _predicted_percent(self, drone: Drone, waypoints: list[Waypoint], clear: Clear | None) -> float | None:
+        return None if drone.state is None else self._energy.route_percent(drone.state, waypoints, clear)
 
     def _leave_plan(self, drone: Drone, stage: Stage, flown: bool = False) -> None:
         drone.stage, drone.goal = stage, None

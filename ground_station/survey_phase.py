@@ -118,7 +118,7 @@ class SurveyPhase:
             return
         waypoints = self._kept_apart(drone, flyer, hovering)
         if waypoints:
-            self._fleet.fly(drone, "survey", waypoints)
+            self._fleet.fly(drone, "survey", waypoints, self._airspace.outline_clear)
 
     def _kept_apart(self, drone: Drone, flyer: Flyer, hovering: list[Array]) -> list[Waypoint]:
         """The vehicle's next chunk, or the part of it that needs no more than waiting to keep clear of the others."""

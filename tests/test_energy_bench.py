@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
@@ -12,11 +13,12 @@ import pytest
 from ground_station.bench.energy import consumption, main
 from ground_station.energy import EnergyBudget
 from ground_station.report.run_data import RunData, Track
-from missions.mavlink import Waypoint
+from missions.mavlink import Route, Waypoint
 from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.pads import hover_points
 from missions.run_folder import RunFolder
+from planning.trajectories import MAX_RUN
 from tests.vehicle_world import SITE, World, open_map, route
 
 BRIEF: SiteBrief = SITE
@@ -76,6 +78,28 @@ def test_a_flown_plan_consumes_what_was_predicted(stop: bool, wind: tuple[float,
     assert world.run(60, lambda: len(world.views()) == 5 and world.vehicles[1].executor.idle)
     used = before - world.vehicles[1].battery.level_percent
     assert used == pytest.approx(predicted, rel=0.03)
+
+
+def test_a_plan_is_predicted_as_the_vehicle_reads_and_cuts_it(tmp_path: Path) -> None:
+    """Pictures close beside corners, where MAVLink's rounding counts, and more waypoints than one run takes."""
+    told = mission()
+    world = World(told, tmp_path)
+    world.share_map(open_map(told))
+    world.upload(route([(0, -9, 5)]), 1)
+    assert world.run(60, lambda: world.views() == [100])
+    world.run(3)
+    corners = [(x, -9.0 + 1.5 * (x % 2), 5.0) for x in range(-8, 9)]
+    points = [p for a, b in itertools.pairwise(corners) for p in
+              (a, tuple(float(u + 0.09 * (v - u)) for u, v in zip(a, b, strict=True)))]
+    plan = Route(plan_id=2, phase="explore", waypoints=[
+        Waypoint(position_enu_m=p, yaw_enu_rad=0.0, view_id=200 + n, stop=n == len(points) - 1)  # type: ignore[arg-type]
+        for n, p in enumerate(points)])
+    assert len(points) > MAX_RUN
+    predicted = EnergyBudget(told, BRIEF).route_percent(world.states[1][-1], plan.waypoints)
+    before = world.vehicles[1].battery.level_percent
+    world.upload(plan, 1)
+    assert world.run(120, lambda: len(world.views()) == 1 + len(points) and world.vehicles[1].executor.idle)
+    assert before - world.vehicles[1].battery.level_percent == pytest.approx(predicted, rel=0.02)
 
 
 def test_exploration_leaves_its_share_to_the_survey() -> None:

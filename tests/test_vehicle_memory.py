@@ -79,6 +79,18 @@ def test_hits_are_kept_once_and_forgotten_when_not_seen_again(memory: SensorMemo
     assert memory.hits_clear(np.array([HERE, [6.0, 0.0, 5.0]]), 1.0)
 
 
+def test_what_is_hit_for_the_first_time_is_told_once(memory: SensorMemory) -> None:
+    memory.put_scan(scan(), NOBODY, 1.5)
+    told = memory.take_untold()
+    assert len(told) > 100
+    assert np.abs(told[:, 0] - 3.0).max() < 1e-9
+    memory.put_scan(scan(10), NOBODY, 1.5)
+    assert len(memory.take_untold()) == 0
+    post = ((-3.0, -0.5, 0.0), (-2.5, 0.5, 10.0))
+    memory.put_scan(scan(20, boxes=(WALL, post)), NOBODY, 1.5)
+    assert np.abs(memory.take_untold()[:, 0] + 2.75).max() < 0.25 + 1e-9
+
+
 def test_directions_cover_the_sphere_evenly() -> None:
     nearest = np.sort(RANGE_DIRECTIONS @ RANGE_DIRECTIONS.T, axis=1)[:, -2]
     assert np.degrees(np.arccos(nearest)).max() < 6.0
