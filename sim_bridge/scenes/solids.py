@@ -114,12 +114,10 @@ def tube(path_m: ArrayLike, radius_m: float | Array, sides: int = 8, *, capped: 
     return joined([shell, _cap(shell.vertices_m[:sides][::-1]), _cap(shell.vertices_m[-sides - 1:-1])])
 
 
-def beam(start_m: ArrayLike, end_m: ArrayLike, profile_m: ArrayLike, towards: ArrayLike = (0.0, 0.0, 1.0), *,
-         capped: bool = False) -> Solid:
-    """A straight member with a closed profile (k, 2), counter-clockwise.
+def beam(start_m: ArrayLike, end_m: ArrayLike, profile_m: ArrayLike, towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
+    """A straight member with a closed profile (k, 2), counter-clockwise, without end faces.
 
-    The profile's second axis points as far towards the given direction as the member's own direction allows. End faces,
-    if wanted, are fans about the profile's first point.
+    The profile's second axis points as far towards the given direction as the member's own direction allows.
     """
     start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
     along = end - start
@@ -138,8 +136,7 @@ def beam(start_m: ArrayLike, end_m: ArrayLike, profile_m: ArrayLike, towards: Ar
     u0, u1 = perimeter[:-1] + 3.1 * start[0], perimeter[1:] + 3.1 * start[0]
     v0, v1 = np.full_like(u0, start[2]), np.full_like(u0, start[2] + length)
     uv = np.stack([np.stack(c, axis=-1) for c in ((u1, v0), (u0, v0), (u0, v1), (u1, v1))], axis=1)
-    shell = Solid(solid.vertices_m, solid.faces, uv.reshape(-1, 2))
-    return joined([shell, _cap(a), _cap(b[::-1])]) if capped else shell
+    return Solid(solid.vertices_m, solid.faces, uv.reshape(-1, 2))
 
 
 def lathe(profile_m: ArrayLike, foot_m: ArrayLike, sides: int = 24) -> Solid:

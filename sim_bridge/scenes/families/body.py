@@ -40,10 +40,11 @@ MATERIALS: dict[str, tuple[Texture, tuple[Rgb, ...]]] = {
 
 
 class Body:
-    """Solids gathered by material; blocks holds the axis-aligned boxes among them."""
+    """Solids gathered by material; blocks takes the axis-aligned boxes among them."""
 
     def __init__(self) -> None:
         self.blocks = Blocks()
+        self._finished: list[Blocks] = []
         self._solids: dict[str, list[Solid]] = {}
 
     def add(self, material: str, *solids: Solid) -> None:
@@ -54,11 +55,17 @@ class Body:
         """Add closed solids of a material."""
         self.add(material, *solids)
 
+    def next_blocks(self) -> None:
+        """Begin a body of boxes of its own, with its own grid: fewer faces where a building has unlike sections."""
+        self._finished.append(self.blocks)
+        self.blocks = Blocks()
+
     def surfaces(self) -> dict[str, Solid]:
         """The closed surface of all solids, by material in alphabetical order, centred in x and y."""
         gathered = {m: list(s) for m, s in self._solids.items()}
-        for material, solid in self.blocks.solids().items():
-            gathered.setdefault(material, []).append(solid)
+        for blocks in (*self._finished, self.blocks):
+            for material, solid in blocks.solids().items():
+                gathered.setdefault(material, []).append(solid)
         whole = {m: joined(gathered[m]) for m in sorted(gathered)}
         low = np.min([s.vertices_m.min(axis=0) for s in whole.values()], axis=0)
         high = np.max([s.vertices_m.max(axis=0) for s in whole.values()], axis=0)

@@ -62,7 +62,8 @@ def opening(body: Body, mass: Mass, side: str, rectangle: tuple[float, float, fl
     u0, v0, u1, v1 = rectangle
     place = _placer(mass, side)
     if windows.surround:
-        body.blocks.add(windows.surround, place(u0 - 0.12, v0 - 0.14, -0.05), place(u1 + 0.12, v0, 0.1))
+        if v0 > 0.2:
+            body.blocks.add(windows.surround, place(u0 - 0.12, v0 - 0.14, -0.05), place(u1 + 0.12, v0, 0.1))
         body.blocks.add(windows.surround, place(u0 - 0.12, v1, -0.05), place(u1 + 0.12, v1 + 0.2, 0.06))
     body.blocks.cut(place(u0, v0, -RECESS_M), place(u1, v1, 0.0))
     body.blocks.add("glass", place(u0, v0, -RECESS_M), place(u1, v1, -RECESS_M + 0.04))

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
 from sim_bridge.scenes.families.shapes import footing, rectangle_ring, rod
 from sim_bridge.scenes.families.wires import CONDUCTOR_RADIUS_M, insulator, lattice, string_wires
-from sim_bridge.scenes.solids import box
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class GuyedVLine(Drawn):
 
     def _tower(self, body: Body, x: float) -> None:
         beam = self.height_m - 1.2
-        body.add("concrete", box((x - 1.0, -1.2, 0.0), (x + 1.0, 1.2, 0.6)))
+        body.add("concrete", footing(x, 0.0, 1.1, 0.6))
         for s in (-1.0, 1.0):
             y, h = s * self.spread_m, 0.42
             foot = rectangle_ring((x, s * 0.5), (0.1, 0.1), 0.55)
@@ -139,3 +141,62 @@ class GuyedVLine(Drawn):
         near, far = (np.array([(x - 0.4, y, beam - 0.4), (x + 0.4, y, beam - 0.4), (x + 0.4, y, beam + 0.4),
                                (x - 0.4, y, beam + 0.4)]) for y in (-reach, reach))
         body.add_all("zinc", lattice(near, far, 16, 0.1, 0.06))
+
+
+@dataclass(frozen=True)
+class CatHeadLine(Drawn):
+    """Lattice pylons whose trunk opens into two horns that carry a beam, with the middle phase in the window."""
+
+    length_m: float = between(50.0, 60.0)
+    """Between the first and the last pylon."""
+    pylons: int = whole(2, 3)
+    height_m: float = between(19.0, 27.0)
+    foot_m: float = between(1.8, 2.6)
+    waist: float = between(0.45, 0.6)
+    """Share of the height at which the trunk opens."""
+    window_m: float = between(2.6, 3.8)
+    """Half the width of the window at the beam."""
+    overhang_m: float = between(2.5, 3.8)
+    insulator_m: float = between(1.4, 2.2)
+    sag_m: float = between(1.2, 2.2)
+
+    def build(self, rng: np.random.Generator) -> Body:
+        """The line along x."""
+        body = Body()
+        stations = np.linspace(-self.length_m / 2, self.length_m / 2, self.pylons).tolist()
+        reach = self.window_m + self.overhang_m
+        places = (-reach + 0.15, 0.0, reach - 0.15)
+        low = self.height_m - 2.4
+        for x in stations:
+            self._pylon(body, x, reach)
+            for y in places:
+                body.add("ceramic", insulator((x, y, low + 0.03), self.insulator_m, 10))
+        string_wires(body, stations, [(y, low - self.insulator_m) for y in places], self.sag_m)
+        string_wires(body, stations, [(s * self.window_m, self.height_m) for s in (-1.0, 1.0)], 0.8 * self.sag_m)
+        return body
+
+    def _pylon(self, body: Body, x: float, reach: float) -> None:
+        waist_z, beam = self.waist * self.height_m, self.height_m - 2.4
+        foot = rectangle_ring((x, 0.0), (self.foot_m, self.foot_m), 0.3)
+        waist = rectangle_ring((x, 0.0), (0.55, 0.55), waist_z)
+        body.add_all("zinc", lattice(foot, waist, 5, 0.15, 0.08))
+        for corner in foot:
+            body.add("concrete", footing(corner[0], corner[1], 0.45, 0.4))
+        for s in (-1.0, 1.0):
+            elbow_z, y = waist_z + 0.45 * (beam - waist_z), s * self.window_m
+            root = rectangle_ring((x, s * 0.28), (0.5, 0.27), waist_z)
+            elbow = rectangle_ring((x, 0.85 * y), (0.4, 0.35), elbow_z)
+            head = rectangle_ring((x, y), (0.35, 0.4), beam)
+            peak = rectangle_ring((x, y), (0.04, 0.04), self.height_m + 0.05)
+            for a, b, panels in ((root, elbow, 5), (elbow, head, 4), (head, peak, 3)):
+                body.add_all("zinc", lattice(a, b, panels, 0.1, 0.06))
+            tip = np.array([(x - 0.05, s * reach, beam), (x + 0.05, s * reach, beam), (x + 0.05, s * reach, beam + 0.1),
+                            (x - 0.05, s * reach, beam + 0.1)])
+            body.add_all("zinc", lattice(_section(x, s * (self.window_m + 0.3), beam), tip, 4, 0.08, 0.05))
+        west, east = (_section(x, s * self.window_m, beam) for s in (-1.0, 1.0))
+        body.add_all("zinc", lattice(west, east, 9, 0.09, 0.055))
+
+
+def _section(x: float, y: float, z: float) -> Array:
+    """Section (4, 3) of a beam across the line."""
+    return np.array([(x - 0.35, y, z), (x + 0.35, y, z), (x + 0.35, y, z + 0.8), (x - 0.35, y, z + 0.8)])

@@ -11,26 +11,53 @@ import zlib
 import numpy as np
 
 from missions.scene_names import FamilyScene
-from sim_bridge.scenes.families.beam_bridges import GirderBridge
-from sim_bridge.scenes.families.cable_bridges import CableStayedBridge
+from sim_bridge.scenes.families.arch_bridges import ArchBridge, TiedArchBridge
+from sim_bridge.scenes.families.beam_bridges import GirderBridge, TrestleViaduct, TrussBridge
+from sim_bridge.scenes.families.cable_bridges import CableStayedBridge, SuspensionBridge
 from sim_bridge.scenes.families.draw import Family
 from sim_bridge.scenes.families.flat_buildings import CourtyardBuilding, OfficeBlock
-from sim_bridge.scenes.families.lattice_lines import GuyedVLine, LatticeLine
+from sim_bridge.scenes.families.high_buildings import SetbackTower, TowerBlock
+from sim_bridge.scenes.families.lattice_lines import CatHeadLine, GuyedVLine, LatticeLine
+from sim_bridge.scenes.families.lookouts import Lighthouse, ObservationTower
 from sim_bridge.scenes.families.people import SeatedFigure
-from sim_bridge.scenes.families.round_towers import Chimney, WaterTower
+from sim_bridge.scenes.families.pitched_buildings import Church, GabledHouse, TerracedRow
+from sim_bridge.scenes.families.pole_lines import ConcretePoleLine, HFrameLine, TubularLine
+from sim_bridge.scenes.families.round_towers import Chimney, CoolingTower, WaterTower
 from sim_bridge.scenes.families.sculptures import KnotSculpture
+from sim_bridge.scenes.families.square_towers import ClockTower, LatticeMast
+from sim_bridge.scenes.families.substations import SubstationGantry
 from sim_bridge.scenes.families.tanks import RefineryColumns, TankFarm
 from sim_bridge.scenes.scene import Part
 
 GENERATORS: dict[str, type[Family]] = {
     "girder_bridge": GirderBridge,
+    "truss_bridge": TrussBridge,
+    "suspension_bridge": SuspensionBridge,
+    "tied_arch_bridge": TiedArchBridge,
+    "trestle_viaduct": TrestleViaduct,
     "cable_stayed_bridge": CableStayedBridge,
+    "arch_bridge": ArchBridge,
     "office_block": OfficeBlock,
+    "gabled_house": GabledHouse,
+    "tower_block": TowerBlock,
+    "setback_tower": SetbackTower,
+    "terraced_row": TerracedRow,
     "courtyard_building": CourtyardBuilding,
+    "church": Church,
     "chimney": Chimney,
+    "lattice_mast": LatticeMast,
+    "clock_tower": ClockTower,
+    "cooling_tower": CoolingTower,
+    "observation_tower": ObservationTower,
     "water_tower": WaterTower,
+    "lighthouse": Lighthouse,
     "lattice_line": LatticeLine,
+    "tubular_line": TubularLine,
+    "h_frame_line": HFrameLine,
+    "cat_head_line": CatHeadLine,
+    "concrete_pole_line": ConcretePoleLine,
     "guyed_v_line": GuyedVLine,
+    "substation_gantry": SubstationGantry,
     "knot_sculpture": KnotSculpture,
     "seated_figure": SeatedFigure,
     "tank_farm": TankFarm,

@@ -1,8 +1,7 @@
-"""Round towers: chimneys, water towers."""
+"""Round shells of masonry, concrete and steel: chimneys, water towers, cooling towers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,8 +9,8 @@ import numpy as np
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
-from sim_bridge.scenes.families.shapes import ball, bar, drum, raised, ring, rod
-from sim_bridge.scenes.solids import Solid
+from sim_bridge.scenes.families.galleries import gallery, ladder
+from sim_bridge.scenes.families.shapes import ball, bar, collar, drum, rod, turned_profile
 
 
 @dataclass(frozen=True)
@@ -41,10 +40,10 @@ class Chimney(Drawn):
         self._shaft(body, plinth + 0.45)
         body.blocks.add("concrete", (0.5, -1.1, 0.0), (self.foot_m * 1.3 + 7.0, 1.1, 2.6))
         for k in range(self.platforms):
-            platform(body, self._radius(z := self.height_m * (0.93 - 0.27 * k)), z)
+            gallery(body, self._radius(z := self.height_m * (0.93 - 0.27 * k)), z)
         for band in range(self.bands):
             z = self.height_m * (0.3 + 0.62 * band / self.bands)
-            body.add("trim", drum([(self._radius(z) + 0.05, z), (self._radius(z + 0.3) + 0.05, z + 0.3)], sides=40))
+            body.add("trim", collar(self._radius(z) - 0.2, self._radius(z) + 0.06, z, z + 0.3, 48))
         body.add_all("trim", ladder(self._radius, -np.pi / 2, plinth + 1.5, self.height_m - 0.5))
         return body
 
@@ -77,7 +76,8 @@ class WaterTower(Drawn):
         """The tower."""
         body = Body()
         bottom = self._tank(body)
-        platform(body, self.tank_m + 0.05, bottom + 0.3 * self.tank_m if self.tank == "conical" else bottom + 1.0)
+        widest = {"sphere": 0.85, "conical": 0.78, "cylinder": 0.33}[self.tank]
+        gallery(body, self.tank_m - 0.02, bottom + widest * self.tank_m)
         if self.support == "shaft":
             body.add("concrete", drum([(2.6, 0.0), (1.5, 3.0), (1.4, bottom + 0.8), (2.0, bottom + 1.4)], sides=40))
         else:
@@ -116,33 +116,46 @@ class WaterTower(Drawn):
                 body.add("paint", bar(high[i], high[j], 0.18))
 
 
-def platform(body: Body, radius: float, z: float, wide: float = 1.0) -> None:
-    """A round gallery with railing on the outside of a shaft."""
-    outer = radius + wide
-    body.add("trim", drum([(outer, z - 0.12), (outer, z)], sides=40))
-    angles = np.linspace(0.0, 2.0 * np.pi, 25)
-    for a in angles[:-1]:
-        foot = np.array([(outer - 0.06) * np.cos(a), (outer - 0.06) * np.sin(a), z - 0.02])
-        body.add("trim", rod(foot, raised(foot, 1.1), 0.025, 6))
-    for height in (0.55, 1.08):
-        body.add("trim", ring(outer - 0.06, z + height, 0.03))
+@dataclass(frozen=True)
+class CoolingTower(Drawn):
+    """A hyperboloid shell of concrete on crossed columns."""
 
+    height_m: float = between(26.0, 38.0)
+    foot_m: float = between(10.0, 14.0)
+    waist: float = between(0.55, 0.68)
+    """Radius at the waist over that at the foot."""
+    waist_z: float = between(0.65, 0.8)
+    """Height of the waist over the height."""
+    columns: int = whole(14, 24)
+    inlet_m: float = between(2.5, 4.0)
+    ribs: int = one_of(0, 24, 36)
 
-def ladder(radius_at: Callable[[float], float], angle: float, low: float, high: float) -> Iterator[Solid]:
-    """A ladder up a shaft whose radius is a function of height, with safety hoops."""
-    out, along = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    def build(self, rng: np.random.Generator) -> Body:
+        """The tower with its basin."""
+        body = Body()
+        zs = np.linspace(self.inlet_m, self.height_m, 30)
+        outside = [(self._radius(z), z) for z in zs]
+        inside = [(self._radius(z) - 0.35, z) for z in zs[::-1]]
+        body.add("concrete", turned_profile([*outside, *inside], 96))
+        body.add("concrete", collar(self._radius(self.height_m) - 0.4, self._radius(self.height_m) + 0.35,
+                                    self.height_m - 0.7, self.height_m + 0.15, 96))
+        foot = self._radius(0.0)
+        body.add("concrete", collar(foot - 0.9, foot + 0.9, 0.0, 0.7, 72))
+        for k in range(self.columns):
+            a, b = (2.0 * np.pi * (k + e) / self.columns for e in (0.0, 0.5))
+            low = np.array([foot * np.cos(b), foot * np.sin(b), 0.5])
+            for c in (a, a + 2.0 * np.pi / self.columns):
+                r = self._radius(self.inlet_m) - 0.15
+                body.add("concrete", rod(low, (r * np.cos(c), r * np.sin(c), self.inlet_m + 0.3), 0.28, 12))
+        for k in range(self.ribs):
+            a = 2.0 * np.pi * k / self.ribs
+            line = [((self._radius(z) - 0.05) * np.cos(a), (self._radius(z) - 0.05) * np.sin(a), z) for z in zs[::2]]
+            for p, q in pairwise(line):
+                body.add("concrete", bar(p, q, 0.16, 0.3, (np.cos(a), np.sin(a), 0.0)))
+        return body
 
-    def at(z: float, off: float, side: float) -> tuple[float, float, float]:
-        x, y = out * (radius_at(z) + off) + along * side
-        return float(x), float(y), z
-
-    stops = np.linspace(low, high, 9)
-    for a, b in pairwise(stops):
-        for side in (-0.22, 0.22):
-            yield rod(at(a - 0.02, 0.2, side), at(b + 0.02, 0.2, side), 0.03, 6)
-    for z in np.arange(low, high, 0.4):
-        yield rod(at(z, 0.2, -0.24), at(z, 0.2, 0.24), 0.02, 6)
-    for z in stops:
-        for side in (-0.22, 0.22):
-            yield rod(at(z, -0.1, side), at(z, 0.22, side), 0.025, 6)
-
+    def _radius(self, z: float) -> float:
+        waist = self.waist * self.foot_m
+        bulge = (self.foot_m / waist) ** 2 - 1.0
+        u = (z / self.height_m - self.waist_z) / self.waist_z
+        return waist * float(np.sqrt(1.0 + bulge * u * u))

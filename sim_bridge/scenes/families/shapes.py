@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_bridge.scenes.solids import Solid, beam, box, joined, lathe, planar_mapped, tube
+from sim_bridge.scenes.solids import Solid, box, joined, lathe, planar_mapped, tube
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -26,19 +26,58 @@ def angle_steel(width: float) -> Array:
     return np.array([(0.0, 0.0), (width, 0.0), (width, t), (t, t), (t, width), (0.0, width)])
 
 
+def circle(radius: float, sides: int) -> Array:
+    """Profile (sides, 2) of a round bar."""
+    t = np.arange(sides) * 2.0 * np.pi / sides
+    return radius * np.stack([np.cos(t), np.sin(t)], axis=1)
+
+
+def members(starts: ArrayLike, ends: ArrayLike, profile: Array, towards: ArrayLike = ((0.0, 0.0, 1.0),)) -> Solid:
+    """Straight members between points (n, 3) with one closed profile (k, 2), counter-clockwise, and end faces.
+
+    The profile's second axis points as far towards a direction (n, 3) or (1, 3) as the member's own direction allows.
+    The end faces are fans about the profile's first point.
+    """
+    start, end = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
+    length = np.linalg.norm(end - start, axis=1)
+    along = (end - start) / length[:, None]
+    across = np.cross(np.broadcast_to(np.asarray(towards, dtype=np.float64), along.shape), along)
+    across = np.where((np.linalg.norm(across, axis=1) < 1e-6)[:, None], np.cross((1.0, 0.0, 0.0), along), across)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    up = np.cross(along, across)
+    ring = profile[None, :, :1] * -across[:, None] + profile[None, :, 1:] * up[:, None]
+    a, b = start[:, None] + ring, end[:, None] + ring
+    sides = np.stack([np.roll(a, -1, axis=1), a, b, np.roll(b, -1, axis=1)], axis=2)
+    reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.roll(profile, -1, axis=0) - profile, axis=1))])
+    u = 3.1 * start[:, :1, None] + np.stack([reach[1:], reach[:-1], reach[:-1], reach[1:]], axis=1)
+    v = start[:, 2, None, None] + length[:, None, None] * np.array([0.0, 0.0, 1.0, 1.0])
+    uv = np.stack(np.broadcast_arrays(u, v), axis=-1)
+    n, k = len(start), len(profile)
+    flat = np.broadcast_to(profile, (n, k, 2)).reshape(-1, 2)
+    first = 4 * np.arange(n * k)[:, None, None]
+    fan = np.stack([np.zeros(k - 2), np.arange(1, k - 1), np.arange(2, k)], axis=1).astype(np.int64)
+    caps = 4 * n * k + k * np.arange(n)[:, None, None]
+    faces = [(first + np.array([[0, 1, 2], [0, 2, 3]])), caps + fan, caps + n * k + fan[:, ::-1]]
+    return Solid(np.concatenate([sides.reshape(-1, 3), a.reshape(-1, 3), b.reshape(-1, 3)]),
+                 np.concatenate([f.reshape(-1, 3) for f in faces]).astype(np.int32),
+                 np.concatenate([uv.reshape(-1, 2), flat, flat]))
+
+
 def bar(start: ArrayLike, end: ArrayLike, width: float, depth: float = 0.0,
         towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
     """A rectangular bar between two points."""
-    return beam(start, end, square(width, depth), towards, capped=True)
+    return members([start], [end], square(width, depth), [towards])
 
 
 def angle(start: ArrayLike, end: ArrayLike, width: float, towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
     """An angle-steel member between two points."""
-    return beam(start, end, angle_steel(width), towards, capped=True)
+    return members([start], [end], angle_steel(width), [towards])
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float | Sequence[float], sides: int = 8) -> Solid:
     """A round rod between two points with one radius, or one at each end."""
+    if isinstance(radius, float):
+        return members([start], [end], circle(radius, sides))
     return tube(np.stack([start, end]), np.asarray(radius, dtype=np.float64), sides, capped=True)
 
 
@@ -116,10 +155,21 @@ def footing(x: float, y: float, half: float, height: float) -> Solid:
     return box((x - half, y - half, 0.0), (x + half, y + half, height))
 
 
+def turned_profile(outline: ArrayLike, sides: int = 48, foot: ArrayLike = (0.0, 0.0, 0.0)) -> Solid:
+    """A closed hollow solid of revolution from an outline (n, 2) of radius and height, counter-clockwise in (r, z)."""
+    line = np.asarray(outline, dtype=np.float64)
+    return lathe(np.concatenate([line, line[:1]]), foot, sides)
+
+
+def collar(inner: float, outer: float, z0: float, z1: float, sides: int = 48,
+           foot: ArrayLike = (0.0, 0.0, 0.0)) -> Solid:
+    """A level ring of rectangular section around a shaft."""
+    return turned_profile([(inner, z0), (outer, z0), (outer, z1), (inner, z1)], sides, foot)
+
+
 def ring(radius: float, z: float, thick: float) -> Solid:
     """A level hoop of square section about the vertical through the origin."""
-    a, b = radius - thick, radius + thick
-    return lathe([(a, z - thick), (b, z - thick), (b, z + thick), (a, z + thick), (a, z - thick)], (0.0, 0.0, 0.0), 48)
+    return collar(radius - thick, radius + thick, z - thick, z + thick)
 
 
 def raised(points: ArrayLike, height: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
 from sim_bridge.scenes.families.racks import Rack, raise_rack
-from sim_bridge.scenes.families.shapes import bar, drum, moved, pipe, raised, rod, vessel
+from sim_bridge.scenes.families.shapes import bar, collar, drum, pipe, raised, rod, vessel
 from sim_bridge.scenes.solids import box
 
 
@@ -46,7 +46,7 @@ class TankFarm(Drawn):
         body.add("concrete", drum([(r + 0.4, 0.0), (r + 0.4, 0.3)], (x, 0.0, 0.0), 48))
         body.add("white", drum([(r, 0.25), (r, h - 0.4), *top], (x, 0.0, 0.0), 64))
         for z in np.arange(2.4, h - 0.5, 2.4):
-            body.add("white", drum([(r + 0.04, z), (r + 0.04, z + 0.1)], (x, 0.0, 0.0), 64))
+            body.add("white", collar(r - 0.05, r + 0.04, z, z + 0.1, 64, (x, 0.0, 0.0)))
         steps = int(h / 0.24)
         for k in range(steps):
             a = start + 0.24 * k / 0.85 / r
@@ -130,7 +130,7 @@ class RefineryColumns(Drawn):
     def _platform(self, body: Body, x: float, r: float, z: float, turn: float) -> None:
         """A platform around three quarters of a column, here round, with its railing open at one side."""
         outer = r + 0.95
-        body.add("trim", moved(drum([(outer, z - 0.08), (outer, z)], sides=36), (x, 0.0, 0.0)))
+        body.add("trim", collar(r - 0.06, outer, z - 0.08, z, 36, (x, 0.0, 0.0)))
         angles = turn + np.linspace(0.3, 2.0 * np.pi - 0.3, 19)
         rim = np.stack([x + (outer - 0.05) * np.cos(angles), (outer - 0.05) * np.sin(angles), np.full(19, z)], axis=1)
         for foot in rim:

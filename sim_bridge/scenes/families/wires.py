@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.shapes import angle, drum
+from sim_bridge.scenes.families.shapes import angle_steel, drum, members
 from sim_bridge.scenes.solids import Solid, tube
 
 Array = NDArray[np.float64]
@@ -41,17 +41,19 @@ def insulator(top: Sequence[float], length: float, discs: int) -> Solid:
 def lattice(foot: ArrayLike, head: ArrayLike, panels: int, leg: float, brace: float) -> Iterator[Solid]:
     """A four-sided lattice column of angle steel between two quadrilaterals (4, 3), crossed in every panel."""
     low, high = np.asarray(foot, dtype=np.float64), np.asarray(head, dtype=np.float64)
-    steps = _even_panels(low, high, panels)
-    rings = [low + t * (high - low) for t in steps]
-    for a, b in pairwise(rings):
-        middle = (a.mean(axis=0) + b.mean(axis=0)) / 2
-        for i in range(4):
-            j = (i + 1) % 4
-            inward = middle - (a[i] + b[j]) / 2
-            yield angle(a[i], b[i], leg, middle - (a[i] + b[i]) / 2)
-            yield angle(a[i], b[j], brace, inward)
-            yield angle(a[j], b[i], brace, -inward)
-            yield angle(b[i], b[j], brace, a[i] - b[i])
+    rings = low + _even_panels(low, high, panels)[:, None, None] * (high - low)
+    a, b = rings[:-1], rings[1:]
+    c, d = (np.roll(ring, -1, axis=1) for ring in (a, b))
+    middle = (a.mean(axis=1) + b.mean(axis=1))[:, None] / 2
+    inward = middle - (a + d) / 2
+    yield _angles(low, high, leg, (low + high).mean(axis=0) - low - high)
+    yield _angles(a, d, brace, inward)
+    yield _angles(c, b, brace, -inward)
+    yield _angles(b, d, brace, a - b)
+
+
+def _angles(starts: Array, ends: Array, width: float, towards: Array) -> Solid:
+    return members(*(points.reshape(-1, 3) for points in (starts, ends)), angle_steel(width), towards.reshape(-1, 3))
 
 
 def _even_panels(low: Array, high: Array, panels: int) -> Array:
