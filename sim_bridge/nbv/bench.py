@@ -9,11 +9,8 @@ standard deviation are over the starts.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import msgspec
@@ -22,6 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from missions.console import print_result
 from missions.errors import UserError
 from missions.mission import CameraSpec, RenderSpec
 from missions.scene_names import BUILT_IN, PREFIX, check_scene_name
@@ -41,12 +39,8 @@ def main(argv: Sequence[str]) -> int:
     rows, failed = _fly(runs, campaign, options.jobs)
     if options.html:
         write_page(options.html, rows)
-    if options.json:
-        json.dump({"rules": msgspec.to_builtins(campaign.rules), "options": campaign.options,
-                   "rows": [asdict(row) for row in rows]}, sys.stdout)
-        sys.stdout.write("\n")
-    else:
-        Console(width=None if sys.stdout.isatty() else 180).print(_table(rows))
+    document = {"rules": msgspec.to_builtins(campaign.rules), "options": campaign.options, "rows": rows}
+    print_result(document, _table(rows), options.json)
     return 1 if failed else 0
 
 
@@ -71,8 +65,8 @@ def _fly(runs: list[Run], campaign: Campaign, jobs: int) -> tuple[list[Row], int
 
 def _table(rows: list[Row]) -> Table:
     table = Table(title="Next best views: mean ± standard deviation over starts")
-    for heading in ("scene", "vehicles", "method", "runs", "AUC", "final", "ceiling", "collisions", "unsafe", "m", "s",
-                    "s to 80 %", "s to 90 %", "s/decision", "MiB"):
+    for heading in ("scene", "fleet", "method", "runs", "AUC", "final", "ceiling", "hits", "unsafe", "m", "s",
+                    "s to 80 %", "s to 90 %", "s/step", "MiB"):
         table.add_column(heading, justify="left" if heading in ("scene", "method") else "right")
     for (scene, vehicles), methods in grouped(rows).items():
         for method, group in methods.items():

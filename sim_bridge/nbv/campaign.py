@@ -107,9 +107,13 @@ def outcomes(runs: list[Run], campaign: Campaign, jobs: int) -> Iterator[tuple[R
 
 
 def play(run: Run, campaign: Campaign) -> Row:
-    """One run. Raises UserError or ProtocolError."""
+    """One run, its scene loaded where it is not at hand. Raises UserError or ProtocolError."""
+    return play_in(_arena(run.scene, msgspec.json.encode(campaign.rules)), run, campaign)
+
+
+def play_in(arena: Arena, run: Run, campaign: Campaign) -> Row:
+    """One run in a scene that is ready. Raises UserError or ProtocolError."""
     rules = campaign.rules
-    arena = _arena(run.scene, msgspec.json.encode(rules))
     begin = time.perf_counter()
     brief = arena.brief(run.method, run.start, run.vehicles, campaign.options)
     before = [arena.step_before(start, run.start) for start in brief.starts]
