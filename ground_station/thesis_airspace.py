@@ -29,14 +29,10 @@ class ThesisAirspace(Airspace):
         return cls(plain.field, plain.clearance_m, plain.separation_m, plain.lower_enu_m, plain.upper_enu_m,
                    np.asarray(prior.mesh.triangles, dtype=np.float64), mission.seed)
 
-    def path(self, start_enu_m: Array, goal_enu_m: Array, teammates_enu_m: list[Array]) -> Array:
-        """As Airspace says."""
+    def known_way(self, start_enu_m: Array, goal_enu_m: Array) -> Array | None:
+        """The thesis's."""
         try:
-            way = way_round(self.triangles, start_enu_m, goal_enu_m, self.lower_enu_m, self.upper_enu_m, self.seed,
-                            margin_m=self.clearance_m)
+            return way_round(self.triangles, start_enu_m, goal_enu_m, self.lower_enu_m, self.upper_enu_m, self.seed,
+                             margin_m=self.clearance_m)
         except NoPath:
-            return super().path(start_enu_m, goal_enu_m, teammates_enu_m)
-        around = self.around(start_enu_m, teammates_enu_m)
-        if around.segments_clear(way[:-1], way[1:], self.clearance_m).all():
-            return way
-        return super().path(start_enu_m, goal_enu_m, teammates_enu_m)
+            return None
