@@ -10,14 +10,17 @@ import numpy as np
 from missions.camera import Camera
 from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
 from missions.mission import ExploreSpec
+from missions.pose_lattice import PoseLattice
 from planning.allocate.flight_cost import Passing, leg_seconds
 from planning.allocate.minmax import Effort, solve
 from planning.allocate.problem import Problem, Ways
 from planning.allocate.reassign import reassign
 from planning.deconflict import distance_to_polyline_m, first_approach, meeting
 from planning.nbv.gain import GainSpec, gain_field
+from planning.nbv.horizon import HorizonSpec, best_way, promises
 from planning.nbv.lattice import build_lattice
 from planning.nbv.search import SearchSpec, VehicleQuery, next_views
+from planning.nbv.sights import ImaginedMap, Orientations, sights
 from planning.nbv.standoff import nearest_depth_m
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 from planning.paths import MeshField, VoxelField, plan_path, reachable, voxelised
@@ -40,6 +43,7 @@ def warm_up() -> None:
     _share_out()
     _keep_apart()
     _plan_views(grid)
+    _plan_ahead(grid)
 
 
 def _plan_paths(grid: VoxelGrid) -> None:
@@ -91,6 +95,17 @@ def _plan_views(grid: VoxelGrid) -> None:
     next_views(field, lattice, camera, [VehicleQuery(1, np.zeros(3), way)], [lattice.pose(0, 0)], SearchSpec())
     nearest_depth_m(grid, [lattice.pose(0, 0)], camera)
     plan_survey(grid, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
+
+
+def _plan_ahead(grid: VoxelGrid) -> None:
+    lattice = PoseLattice((0.0, 0.0, 0.0), (10.0, 8.0, 8.0), (2, 2, 1), (0.0,), 4)
+    occupied = (grid.state == OCCUPIED).astype(np.float32)
+    yaw, elevation = lattice.yaw_elevation_rad.T
+    orientations = Orientations.of(yaw, elevation, Camera.from_diagonal_fov(64, 48, 90.0))
+    seen = sights(ImaginedMap(np.zeros(3), 1.0, occupied, occupied), lattice.positions_enu_m, orientations, 9.0)
+    left, passable, spec = seen.left_after(0, 0, seen.nothing_shown), np.ones(lattice.steps.shape), HorizonSpec(depth=2)
+    promised = promises(seen, left, lattice.steps, passable, spec)
+    best_way(seen, left, lattice.steps, passable, 0, lattice.steps[0][lattice.steps[0] >= 0].tolist(), promised, spec)
 
 
 if __name__ == "__main__":

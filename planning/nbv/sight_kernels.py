@@ -9,17 +9,22 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from planning.nbv.rays import inside, next_voxel, walk
+from planning.nbv.rays import box_span, inside, next_voxel, walk
 
 LEAST_ARRIVING = 0.03
 
 
 @nb.njit(cache=True)
-def _stops(occupancy, novelty, start, direction, reach, cell_voxels, scale, cell, area, arrives, at):
+def _stops(occupancy, novelty, lower, upper, start, direction, reach, cell_voxels, scale, cell, area, arrives, at):
     """Entries that one ray makes from slot `at` on, one per cell that it may stop in; returns how many.
 
-    Nothing is written when the arrays have no room for it (`at` < 0): the entries are only counted.
+    Nothing is written when the arrays have no room for it (`at` < 0): the entries are only counted. lower, upper (3,):
+    the box outside of which there is no novelty.
     """
+    enter, leave = box_span(start, direction, lower, upper)
+    if enter >= leave or enter >= reach:
+        return 0
+    reach = min(reach, leave)
     voxel, walls, spans, steps = walk(start, direction)
     sj_cells = (occupancy.shape[1] + cell_voxels - 1) // cell_voxels
     sk_cells = (occupancy.shape[2] + cell_voxels - 1) // cell_voxels
@@ -45,26 +50,26 @@ def _stops(occupancy, novelty, start, direction, reach, cell_voxels, scale, cell
 
 
 @nb.njit(cache=True, parallel=True)
-def count_stops(occupancy, novelty, starts, directions, reach, cell_voxels):
+def count_stops(occupancy, novelty, lower, upper, starts, directions, reach, cell_voxels):
     """(p, r) number of cells that each ray may stop in."""
     nothing = np.zeros(0, np.int32), np.zeros(0, np.float32)
     count = np.zeros((len(starts), len(directions)), np.int64)
     for p in nb.prange(len(starts)):
         for r in range(len(directions)):
-            count[p, r] = _stops(occupancy, novelty, starts[p], directions[r], reach, cell_voxels, 0.0, nothing[0],
-                                nothing[1], nothing[1], -1)
+            count[p, r] = _stops(occupancy, novelty, lower, upper, starts[p], directions[r], reach, cell_voxels, 0.0,
+                                 nothing[0], nothing[1], nothing[1], -1)
     return count
 
 
 @nb.njit(cache=True, parallel=True)
-def cast_stops(occupancy, novelty, starts, directions, reach, cell_voxels, first, scale):
+def cast_stops(occupancy, novelty, lower, upper, starts, directions, reach, cell_voxels, first, scale):
     """(cell, area, arrives) of every entry, in the slots that `count_stops` gave."""
     cell = np.zeros(first[-1], np.int32)
     area, arrives = np.zeros(first[-1], np.float32), np.zeros(first[-1], np.float32)
     for p in nb.prange(len(starts)):
         for r in range(len(directions)):
-            _stops(occupancy, novelty, starts[p], directions[r], reach, cell_voxels, scale, cell, area, arrives,
-                  first[p * len(directions) + r])
+            _stops(occupancy, novelty, lower, upper, starts[p], directions[r], reach, cell_voxels, scale, cell, area,
+                   arrives, first[p * len(directions) + r])
     return cell, area, arrives
 
 

@@ -107,7 +107,10 @@ def sights(imagined: ImaginedMap, positions_enu_m: Array, orientations: Orientat
     """Cast rays from positions (p, 3). Cost: p * r rays, each as long as it passes free or uncertain voxels."""
     voxel = imagined.voxel_m
     starts = (positions_enu_m - imagined.origin_enu_m) / voxel
-    rays = (imagined.occupancy, imagined.novelty, starts, orientations.directions_enu, range_m / voxel, CELL_VOXELS)
+    novel = [np.flatnonzero(imagined.novelty.any(axis=other)) for other in ((1, 2), (0, 2), (0, 1))]
+    lower, upper = (np.array([float(n[end] + rim) if len(n) else 0.0 for n in novel]) for end, rim in ((0, 0), (-1, 1)))
+    rays = (imagined.occupancy, imagined.novelty, lower, upper, starts, orientations.directions_enu, range_m / voxel,
+            CELL_VOXELS)
     first = np.concatenate([[0], np.cumsum(count_stops(*rays).ravel())])
     scale = 4.0 * math.pi / len(orientations.directions_enu) * voxel**2
     cell, area, arrives = cast_stops(*rays, first, scale)
