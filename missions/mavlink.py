@@ -73,9 +73,8 @@ def items_from_route(route: Route, site: Site) -> list[Item]:
         heading = _single(heading_deg_from_yaw_enu(w.yaw_enu_rad))
         items.append(Item(mav.MAV_FRAME_GLOBAL_INT, mav.MAV_CMD_NAV_WAYPOINT, (0.0, radius, 0.0, heading),
                           round(lat * 1e7), round(lon * 1e7), _single(alt)))
-        if w.view_id is not None:
-            pitch = _single(math.degrees(w.gimbal_elevation_rad))
-            items.append(_action(mav.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch, 0.0, NAN, NAN)))
+        pitch = _single(math.degrees(w.gimbal_elevation_rad))
+        items.append(_action(mav.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch, 0.0, NAN, NAN)))
         if w.stop and w.settle_s > 0:
             items.append(_action(mav.MAV_CMD_NAV_DELAY, (_single(w.settle_s), -1.0, -1.0, -1.0)))
         elif not w.stop and w.speed_m_s > 0:
