@@ -7,8 +7,9 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from types import FrameType
 
 from missions.errors import SwarmscanError, UserError
 
@@ -31,11 +32,16 @@ def run_process(body: Callable[[], int | None]) -> int:
         return 130
 
 
-@contextmanager
-def uninterrupted() -> Iterator[None]:
+def uninterrupted() -> AbstractContextManager[None]:
     """The last writing of a process that ends: SIGINT and SIGTERM, which may come late or twice, do not stop it."""
+    return when_interrupted(signal.SIG_IGN)
+
+
+@contextmanager
+def when_interrupted(do: Callable[[int, FrameType | None], object] | signal.Handlers) -> Iterator[None]:
+    """Within, SIGINT and SIGTERM do this and nothing else."""
     numbers = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+    previous = [signal.signal(number, do) for number in numbers]
     try:
         yield
     finally:

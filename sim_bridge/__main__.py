@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import logging
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 
 import msgspec
 import numpy as np
@@ -21,7 +19,7 @@ from missions.messages import SiteBrief
 from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
 from missions.pads import camera_bounds, takeoff_columns, takeoff_points
-from missions.process import process_parser, run_process
+from missions.process import process_parser, run_process, when_interrupted
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
@@ -64,7 +62,8 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
             world = World(bus, clock, mission, truth, renderer, coverage)
             log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
                      scene.triangles(), renderer.backend_name)
-            with _interrupting(clock):
+            # Signals end the flight, but never the writing of what is true.
+            with when_interrupted(lambda *_: clock.interrupt()):
                 clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
                 world.run()
                 write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(),
@@ -72,18 +71,6 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
                                        "notes": scene.notes, "site": msgspec.to_builtins(site)})
     folder.write_process_record(BRIDGE, messages_sent=bus.sent, frames=world.pictures, ticks=world.ticks,
                                 render_s=round(world.render_s, 3), wall_s=round(time.perf_counter() - begin, 3))
-
-
-@contextmanager
-def _interrupting(clock: ClockServer) -> Iterator[None]:
-    """Within, SIGINT and SIGTERM end the flight, but never the writing of what is true."""
-    numbers = (signal.SIGTERM, signal.SIGINT)
-    previous = [signal.signal(number, lambda *_: clock.interrupt()) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, previous, strict=True):
-            signal.signal(number, handler)
 
 
 def site_brief(mission: Mission, scene: Scene) -> SiteBrief:
