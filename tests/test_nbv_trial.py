@@ -283,3 +283,20 @@ def test_the_benchmark_runs_on_a_file_and_leaves_rows_and_a_page(tmp_path: Path,
 def test_wrong_input_is_refused_in_a_sentence(words: list[str], told: str) -> None:
     with pytest.raises(UserError, match=told):
         main(["--methods", "greedy_oracle", *words])
+
+
+def test_a_campaign_that_was_broken_off_repeats_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows, words = tmp_path / "rows.jsonl", ["--methods", "greedy_oracle", "--poses", "4", "--jobs", "1", "--json"]
+    trimesh.creation.box(bounds=TRUE_BOX).export(tmp_path / "cube.stl")
+    scene = ["--scenes", str(tmp_path / "cube.stl"), "--positions", "30", "--rows", str(rows)]
+    main([*scene, *words, "--starts", "1"])
+    first = json.loads(capsys.readouterr().out)["rows"]
+    written = rows.read_bytes()
+    main([*scene, *words, "--starts", "2"])
+    both = json.loads(capsys.readouterr().out)["rows"]
+    assert both[0] == first[0]
+    assert rows.read_bytes().startswith(written)
+    assert len(rows.read_bytes().splitlines()) == len(both) == 2
+    rows.write_text("{}\n")
+    with pytest.raises(UserError, match="not rows"):
+        main([*scene, *words])

@@ -24,6 +24,7 @@ from missions.errors import UserError
 from missions.mission import CameraSpec, RenderSpec
 from missions.scene_names import BUILT_IN, PREFIX, check_scene_name
 from sim_bridge.nbv.campaign import Campaign, Row, Run, outcomes, short_name
+from sim_bridge.nbv.ledger import Ledger
 from sim_bridge.nbv.page import grouped, write_page
 from sim_bridge.nbv.rules import Rules
 
@@ -36,7 +37,7 @@ def main(argv: Sequence[str]) -> int:
     campaign = Campaign(_rules(options), _settings(options.option), options.threads)
     runs = [Run(scene, method, start, vehicles) for scene in options.scenes for vehicles in options.vehicles
             for method in options.methods for start in range(options.starts)]
-    rows, failed = _fly(runs, campaign, options.jobs)
+    rows, failed = _fly(runs, campaign, options.jobs, Ledger(options.rows, campaign))
     if options.html:
         write_page(options.html, rows)
     document = {"rules": msgspec.to_builtins(campaign.rules), "options": campaign.options, "rows": rows}
@@ -44,21 +45,23 @@ def main(argv: Sequence[str]) -> int:
     return 1 if failed else 0
 
 
-def _fly(runs: list[Run], campaign: Campaign, jobs: int) -> tuple[list[Row], int]:
-    """Rows in the order of the runs, and how many runs failed."""
-    rows: dict[Run, Row] = {}
+def _fly(runs: list[Run], campaign: Campaign, jobs: int, ledger: Ledger) -> tuple[list[Row], int]:
+    """Rows in the order of the runs, and how many runs failed. Each that ends is told, with the time left."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-               TimeRemainingColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("runs", total=len(runs))
-        for run, outcome in outcomes(runs, campaign, jobs):
-            told = f"{short_name(run.scene)} {run.method} start {run.start} vehicles {run.vehicles}"
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    rows = {run: row for run in runs if (row := ledger.row(run)) is not None}
+    left = [run for run in runs if run not in rows]
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task("runs", total=len(left))
+        for run, outcome in outcomes(left, campaign, jobs):
+            told = f"{short_name(run.scene)} {run.method} start {run.start} vehicles {run.vehicles}: "
             if isinstance(outcome, Row):
                 rows[run] = outcome
-                progress.update(task, description=f"{told}: {outcome.auc:.3f} / {outcome.final:.3f}")
+                ledger.add(run, outcome)
+                told += f"AUC {outcome.auc:.3f}, final {outcome.final:.3f} in {outcome.wall_s:.0f} s"
             else:
-                console.print(f"{told}: {outcome}", markup=False)
+                told += str(outcome)
+            console.print(told, markup=False, highlight=False)
             progress.advance(task)
     return [rows[run] for run in runs if run in rows], len(runs) - len(rows)
 
@@ -129,6 +132,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--option", action="append", default=[], metavar="NAME=VALUE", help="a setting for the methods")
     parser.add_argument("--jobs", type=int, default=max(1, cores // 2), help="runs at a time (default %(default)s)")
     parser.add_argument("--threads", type=int, default=0, help="per run (default: cores / jobs)")
+    parser.add_argument("--rows", type=Path, metavar="FILE",
+                        help="append every row as it comes; runs that the file has are not repeated")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the curves as a page")
     parser.add_argument("--json", action="store_true", help="one JSON document instead of a table")
     options = parser.parse_args(argv)

@@ -88,22 +88,33 @@ Outcome = Row | SwarmscanError
 
 
 def outcomes(runs: list[Run], campaign: Campaign, jobs: int) -> Iterator[tuple[Run, Outcome]]:
-    """Every run with its row, or with why its method failed, as they end. Raises UserError for wrong input."""
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_limit_threads,
-                               initargs=(campaign.threads,))
-    with pool:
-        futures = {pool.submit(play, run, campaign): run for run in runs}
+    """Every run with its row, or with why its method failed, as they end. Raises UserError for wrong input.
+
+    One job at a time runs in this process, several in as many others.
+    """
+    if jobs == 1:
+        _limit_threads(campaign.threads)
+        yield from ((run, outcome(run, campaign)) for run in runs)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_limit_threads,
+                             initargs=(campaign.threads,)) as pool:
+        futures = {pool.submit(outcome, run, campaign): run for run in runs}
         try:
             for future in as_completed(futures):
-                try:
-                    yield futures[future], future.result()
-                except UserError:
-                    raise
-                except SwarmscanError as e:
-                    yield futures[future], e
+                yield futures[future], future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def outcome(run: Run, campaign: Campaign) -> Outcome:
+    """A run's row, or why its method failed. Raises UserError."""
+    try:
+        return play(run, campaign)
+    except UserError:
+        raise
+    except SwarmscanError as e:
+        return e
 
 
 def play(run: Run, campaign: Campaign) -> Row:
