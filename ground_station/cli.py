@@ -34,6 +34,7 @@ COMMANDS = (
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
     Command("macarons", "ground_station.macarons_command:main", "take over MACARONS' and Blender's files, or give them"),
+    Command("train", "ground_station.train:main", "train MACARONS' networks, with progress, log and checkpoints"),
     Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on given views"),
     Command("bench", "ground_station.cli:bench", "measure one part: allocate, paths, energy, deconflict, ..."),
     Command("doctor", "ground_station.doctor:main", "what works on this machine, and what to do about the rest"),
@@ -49,6 +50,7 @@ BENCHMARKS = (
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
     Command("trajectories", "ground_station.bench.trajectories:main", "views passed or stopped at; legs and flights"),
     Command("depth", "ground_station.bench.depth:main", "depth of exploration pictures beside true depth"),
+    Command("imagination", "ground_station.bench.imagination:main", "imagined occupancy beside true occupancy"),
     Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),
 )
 

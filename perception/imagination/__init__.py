@@ -1,0 +1,1 @@
+"""What is probably where nothing has been seen yet."""
