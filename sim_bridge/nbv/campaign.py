@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from missions.errors import SwarmscanError, UserError
+from missions.errors import LinkError, SwarmscanError, UserError
 from missions.pose_lattice import Index5
 from sim_bridge.nbv.arena import Arena, make_arena
 from sim_bridge.nbv.oracles import ORACLES, Oracle
@@ -88,7 +89,7 @@ Outcome = Row | SwarmscanError
 
 
 def outcomes(runs: list[Run], campaign: Campaign, jobs: int) -> Iterator[tuple[Run, Outcome]]:
-    """Every run with its row, or with why its method failed, as they end. Raises UserError for wrong input.
+    """Every run with its row, or with why its method failed, as they end. Raises UserError or LinkError.
 
     One job at a time runs in this process, several in as many others.
     """
@@ -102,6 +103,8 @@ def outcomes(runs: list[Run], campaign: Campaign, jobs: int) -> Iterator[tuple[R
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise LinkError("a process that runs trials was killed, perhaps for want of memory; lower --jobs") from None
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
