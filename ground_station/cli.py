@@ -33,7 +33,7 @@ COMMANDS = (
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
-    Command("macarons", "ground_station.macarons_command:main", "take over MACARONS' and Blender's files, or give them"),
+    Command("macarons", "ground_station.macarons_command:main", "missions and views from and for MACARONS and Blender"),
     Command("train", "ground_station.train:main", "train MACARONS' networks, with progress, log and checkpoints"),
     Command("thesis", "ground_station.thesis_command:main", "the thesis's planning experiment on given views"),
     Command("bench", "ground_station.cli:bench", "measure one part: allocate, paths, energy, deconflict, ..."),

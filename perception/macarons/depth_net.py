@@ -18,6 +18,8 @@ CHANNELS = (16, 32, 64, 128, 256)
 SKIPS = (3, 64, 64, 128, 256)
 """Channels of the picture, conv1, layers 1, 2 and 3, from fine to coarse."""
 OUTPUTS = 4
+OUTSIDE = 3.0
+"""A place beside every picture."""
 
 
 class DepthNet(nn.Module):
@@ -36,13 +38,14 @@ class DepthNet(nn.Module):
         """Disparities in 0-1 (b, 1, h / 2^s, w / 2^s) at scales s = 0 to 3.
 
         target: (b, 3, h, w) RGB in 0-1; sources: (b, k, 3, h, w); camera: (b, 4) fx, fy, cx, cy over the picture's
-        width and height; source_from_target: (b, k, 4, 4).
+        width and height; source_from_target: (b, k, 4, 4). The sources' features take no part in learning, which is
+        half of its cost: they come from the same layers as the target's.
         """
-        b, k = sources.shape[:2]
-        first, features = self.trunk.stem(torch.cat([target, sources.flatten(0, 1)]))
-        own, others = features[:b], features[b:].view(b, k, *features.shape[1:])
+        first, own = self.trunk.stem(target)
+        with torch.no_grad():
+            others = self.trunk.stem(sources.flatten(0, 1))[1].view(*sources.shape[:2], *own.shape[1:])
         cost = cost_volume(own, others, camera, source_from_target)
-        skips = [target, first[:b], own, *self.trunk.deep(functional.relu(self.reduce(torch.cat([own, cost], dim=1))))]
+        skips = [target, first, own, *self.trunk.deep(functional.relu(self.reduce(torch.cat([own, cost], dim=1))))]
         x, out = skips.pop(), []
         for stage in reversed(range(len(CHANNELS))):
             x = functional.interpolate(functional.elu(self.up[stage](x)), size=skips[stage].shape[-2:], mode="nearest")
@@ -67,16 +70,18 @@ def cost_volume(own: Tensor, others: Tensor, camera: Tensor, source_from_target:
     """(b, 96, h, w) mean distance between features (b, f, h, w) and the sources' (b, k, f, h, w), averaged over those
     that see a plane; where none does, the distance to nothing, as in MACARONS."""
     b, f, h, w = own.shape
-    rays = pixel_rays(camera, h, w)
-    points = (rays[:, None] * plane_depths(own.device)[:, None, None, None]).flatten(1, 2)
-    total, seen = own.new_zeros(b, f, PLANES * h, w), own.new_zeros(b, 1, PLANES * h, w)
-    for i in range(others.shape[1]):
-        grid, ahead = project(points, source_from_target[:, i], camera)
-        inside = (ahead & (grid.abs() <= 1.0).all(dim=-1))[:, None].to(own.dtype)
-        total = total + functional.grid_sample(others[:, i], grid, align_corners=False) * inside
-        seen = seen + inside
-    mean = (total / seen.clamp(min=1.0)).view(b, f, PLANES, h, w)
-    return (own[:, :, None] - mean).abs().mean(dim=1)
+    with torch.no_grad():
+        rays = pixel_rays(camera, h, w)
+        points = (rays[:, None] * plane_depths(own.device)[:, None, None, None]).flatten(1, 2)
+        mean, seen = own.new_zeros(b, f, PLANES * h, w), own.new_zeros(b, 1, PLANES * h, w)
+        for i in range(others.shape[1]):
+            grid, ahead = project(points, source_from_target[:, i], camera)
+            inside = ahead & (grid.abs() <= 1.0).all(dim=-1)
+            grid = torch.where(inside[..., None], grid, OUTSIDE)
+            mean += functional.grid_sample(others[:, i], grid, align_corners=False)
+            seen += inside[:, None]
+        mean /= seen.clamp_(min=1.0)
+    return (own[:, :, None] - mean.view(b, f, PLANES, h, w)).abs().mean(dim=1)
 
 
 def pixel_rays(camera: Tensor, h: int, w: int) -> Tensor:
