@@ -49,9 +49,19 @@ FAMILIES: dict[str, tuple[str, Split]] = {
     "guyed_v_line": ("powerline", "test"),
     "substation_gantry": ("powerline", "test"),
     "knot_sculpture": ("statue", "train"),
+    "standing_figure": ("statue", "train"),
+    "bust": ("statue", "train"),
+    "quadruped": ("statue", "validation"),
+    "pebble_totem": ("statue", "validation"),
     "seated_figure": ("statue", "test"),
+    "equestrian_statue": ("statue", "test"),
     "tank_farm": ("plant", "train"),
+    "pipe_rack": ("plant", "train"),
+    "boiler_house": ("plant", "train"),
+    "gas_spheres": ("plant", "validation"),
+    "silo_battery": ("plant", "validation"),
     "refinery_columns": ("plant", "test"),
+    "conveyor_works": ("plant", "test"),
 }
 """Structure class and split of every family."""
 

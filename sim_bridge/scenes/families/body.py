@@ -31,6 +31,7 @@ MATERIALS: dict[str, tuple[Texture, tuple[Rgb, ...]]] = {
     "copper": (textures.patina, ((104, 146, 128), (122, 142, 120))),
     "bronze": (textures.patina, ((124, 104, 74), (104, 96, 84), (136, 112, 78))),
     "rock": (textures.rock, ((132, 128, 122), (156, 148, 136), (112, 110, 108))),
+    "marble": (textures.rock, ((196, 190, 178), (178, 176, 172), (188, 168, 146))),
     "tiles": (textures.roof_tiles, ((150, 84, 60), (112, 92, 84), (96, 100, 106))),
     "glass": (textures.window, ((62, 72, 82), (74, 84, 86), (52, 60, 72))),
     "asphalt": (textures.asphalt, ((92, 92, 94), (108, 106, 102))),

@@ -11,22 +11,26 @@ import zlib
 import numpy as np
 
 from missions.scene_names import FamilyScene
+from sim_bridge.scenes.families.animals import EquestrianStatue, Quadruped
 from sim_bridge.scenes.families.arch_bridges import ArchBridge, TiedArchBridge
 from sim_bridge.scenes.families.beam_bridges import GirderBridge, TrestleViaduct, TrussBridge
+from sim_bridge.scenes.families.bulk import ConveyorWorks, GasSpheres, SiloBattery
 from sim_bridge.scenes.families.cable_bridges import CableStayedBridge, SuspensionBridge
 from sim_bridge.scenes.families.draw import Family
 from sim_bridge.scenes.families.flat_buildings import CourtyardBuilding, OfficeBlock
+from sim_bridge.scenes.families.heads import Bust
 from sim_bridge.scenes.families.high_buildings import SetbackTower, TowerBlock
 from sim_bridge.scenes.families.lattice_lines import CatHeadLine, GuyedVLine, LatticeLine
 from sim_bridge.scenes.families.lookouts import Lighthouse, ObservationTower
-from sim_bridge.scenes.families.people import SeatedFigure
+from sim_bridge.scenes.families.people import SeatedFigure, StandingFigure
 from sim_bridge.scenes.families.pitched_buildings import Church, GabledHouse, TerracedRow
 from sim_bridge.scenes.families.pole_lines import ConcretePoleLine, HFrameLine, TubularLine
 from sim_bridge.scenes.families.round_towers import Chimney, CoolingTower, WaterTower
-from sim_bridge.scenes.families.sculptures import KnotSculpture
+from sim_bridge.scenes.families.sculptures import KnotSculpture, PebbleTotem
 from sim_bridge.scenes.families.square_towers import ClockTower, LatticeMast
 from sim_bridge.scenes.families.substations import SubstationGantry
 from sim_bridge.scenes.families.tanks import RefineryColumns, TankFarm
+from sim_bridge.scenes.families.works import BoilerHouse, PipeRack
 from sim_bridge.scenes.scene import Part
 
 GENERATORS: dict[str, type[Family]] = {
@@ -59,9 +63,19 @@ GENERATORS: dict[str, type[Family]] = {
     "guyed_v_line": GuyedVLine,
     "substation_gantry": SubstationGantry,
     "knot_sculpture": KnotSculpture,
+    "standing_figure": StandingFigure,
+    "bust": Bust,
+    "quadruped": Quadruped,
+    "pebble_totem": PebbleTotem,
     "seated_figure": SeatedFigure,
+    "equestrian_statue": EquestrianStatue,
     "tank_farm": TankFarm,
+    "pipe_rack": PipeRack,
+    "boiler_house": BoilerHouse,
+    "gas_spheres": GasSpheres,
+    "silo_battery": SiloBattery,
     "refinery_columns": RefineryColumns,
+    "conveyor_works": ConveyorWorks,
 }
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
@@ -40,10 +42,55 @@ class KnotSculpture(Drawn):
                                     ring * np.sin(winds * t)], axis=1)
         strand = self.thick * h * (1.0 + self.swell * np.sin(3 * t) * 0.5)
         path[:, 2] += self.plinth_m - (path[:, 2] - strand).min() - 0.3
-        shape = Shape(h / 110.0, 0.15 * self.thick * h)
+        shape = Shape(h / 85.0, 0.15 * self.thick * h)
         for i in range(240):
             shape.add(round_cone(path[i], path[i + 1], (float(strand[i]), float(strand[i + 1]))))
         body.add(self.metal, shape.solid())
         half = 0.26 * h
         plinth(body, self.plinth, (half, 0.5 * half + 1.0), self.plinth_m)
         return body
+
+
+@dataclass(frozen=True)
+class PebbleTotem(Drawn):
+    """Flattened pebbles piled askew, melted into each other more or less, some with rings around them."""
+
+    pebbles: int = whole(4, 8)
+    size_m: float = between(2.2, 3.6)
+    """Radius of the lowest pebble."""
+    shrink: float = between(0.8, 0.95)
+    flat: float = between(0.4, 0.65)
+    askew: float = between(0.15, 0.45)
+    melt: float = between(0.04, 0.2)
+    rings: int = whole(0, 3)
+    metal: str = one_of("rock", "bronze", "white", "concrete")
+    plinth: str = one_of("steps", "drum")
+    plinth_m: float = between(0.6, 2.0)
+
+    def build(self, rng: np.random.Generator) -> Body:
+        """The pile on its plinth."""
+        body, r, z = Body(), self.size_m, self.plinth_m
+        shape = Shape(self.size_m / 24.0, self.melt * self.size_m)
+        x, y = 0.0, 0.0
+        for k in range(self.pebbles):
+            high = 0.75 * self.flat * r * (0.8 + 0.4 * rng.random())
+            turn = rng.uniform(0.0, np.pi)
+            middle = np.array([x, y, z + 0.85 * high])
+            for i, long in enumerate((0.7, 0.5, 0.35)):
+                a = turn + i * np.pi / 3
+                reach = long * r * np.array([np.cos(a), np.sin(a), rng.uniform(-0.15, 0.15)])
+                shape.add(round_cone(middle - reach, middle + reach, (0.85 * high, 0.8 * high)))
+            if k < self.rings:
+                self._ring(shape, middle, 1.25 * r, 0.1 * r)
+            z += 1.7 * high
+            x, y = (c + self.askew * r * rng.uniform(-1.0, 1.0) for c in (x, y))
+            r *= self.shrink
+        body.add(self.metal, shape.solid())
+        plinth(body, self.plinth, (0.8 * self.size_m, 0.8 * self.size_m), self.plinth_m + 0.1 * self.size_m)
+        return body
+
+    def _ring(self, shape: Shape, middle: NDArray[np.float64], radius: float, thick: float) -> None:
+        t = np.linspace(0.0, 2.0 * np.pi, 41)
+        rim = middle + radius * np.stack([np.cos(t), np.sin(t), 0.25 * np.sin(t)], axis=1)
+        for a, b in pairwise(rim):
+            shape.add(round_cone(a, b, (thick, thick)), melt_m=0.5 * thick)

@@ -66,18 +66,18 @@ def members(starts: ArrayLike, ends: ArrayLike, profile: Array, towards: ArrayLi
 def bar(start: ArrayLike, end: ArrayLike, width: float, depth: float = 0.0,
         towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
     """A rectangular bar between two points."""
-    return members([start], [end], square(width, depth), [towards])
+    return members(_row(start), _row(end), square(width, depth), _row(towards))
 
 
 def angle(start: ArrayLike, end: ArrayLike, width: float, towards: ArrayLike = (0.0, 0.0, 1.0)) -> Solid:
     """An angle-steel member between two points."""
-    return members([start], [end], angle_steel(width), [towards])
+    return members(_row(start), _row(end), angle_steel(width), _row(towards))
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float | Sequence[float], sides: int = 8) -> Solid:
     """A round rod between two points with one radius, or one at each end."""
     if isinstance(radius, float):
-        return members([start], [end], circle(radius, sides))
+        return members(_row(start), _row(end), circle(radius, sides))
     return tube(np.stack([start, end]), np.asarray(radius, dtype=np.float64), sides, capped=True)
 
 
@@ -167,9 +167,9 @@ def collar(inner: float, outer: float, z0: float, z1: float, sides: int = 48,
     return turned_profile([(inner, z0), (outer, z0), (outer, z1), (inner, z1)], sides, foot)
 
 
-def ring(radius: float, z: float, thick: float) -> Solid:
-    """A level hoop of square section about the vertical through the origin."""
-    return collar(radius - thick, radius + thick, z - thick, z + thick)
+def ring(radius: float, z: float, thick: float, middle: tuple[float, float] = (0.0, 0.0)) -> Solid:
+    """A level hoop of square section about the vertical through x and y."""
+    return collar(radius - thick, radius + thick, z - thick, z + thick, foot=(*middle, 0.0))
 
 
 def raised(points: ArrayLike, height: float) -> Array:
@@ -186,6 +186,10 @@ def turned(solid: Solid) -> Solid:
 def moved(solid: Solid, by: ArrayLike) -> Solid:
     """The solid moved, its texture with it."""
     return Solid(solid.vertices_m + np.asarray(by, dtype=np.float64), solid.faces, solid.uv_m)
+
+
+def _row(point: ArrayLike) -> Array:
+    return np.asarray(point, dtype=np.float64)[None]
 
 
 def _without_slivers(points: Array, faces: Ints) -> tuple[Array, Ints]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
 from sim_bridge.scenes.families.racks import Rack, raise_rack
 from sim_bridge.scenes.families.shapes import bar, collar, drum, pipe, raised, rod, vessel
 from sim_bridge.scenes.solids import box
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -47,18 +51,7 @@ class TankFarm(Drawn):
         body.add("white", drum([(r, 0.25), (r, h - 0.4), *top], (x, 0.0, 0.0), 64))
         for z in np.arange(2.4, h - 0.5, 2.4):
             body.add("white", collar(r - 0.05, r + 0.04, z, z + 0.1, 64, (x, 0.0, 0.0)))
-        steps = int(h / 0.24)
-        for k in range(steps):
-            a = start + 0.24 * k / 0.85 / r
-            out = np.array([np.cos(a), np.sin(a), 0.0])
-            foot = (x, 0.0, 0.35 + 0.24 * k) + out * (r - 0.03)
-            body.add("trim", bar(foot, foot + 0.85 * out, 0.28, 0.05))
-            if k % 3 == 0:
-                body.add("trim", rod(foot + 0.8 * out, foot + 0.8 * out + (0.0, 0.0, 1.05), 0.025, 6))
-            if k + 3 < steps and k % 3 == 0:
-                b = start + 0.24 * (k + 3) / 0.85 / r
-                after = (x + (r + 0.77) * np.cos(b), (r + 0.77) * np.sin(b), 0.35 + 0.24 * (k + 3) + 1.05)
-                body.add("trim", rod(foot + 0.8 * out + (0.0, 0.0, 1.05), after, 0.03, 6))
+        spiral_stair(body, (x, 0.0), start, 0.35, h, lambda _: r)
 
     def _connect(self, body: Body, x: float, r: float) -> None:
         """A pipe from a tank's foot to the header."""
@@ -137,3 +130,21 @@ class RefineryColumns(Drawn):
             body.add("trim", rod(raised(foot, -0.02), raised(foot, 1.1), 0.022, 6))
         for height in (0.55, 1.08):
             body.add_all("trim", (rod(a, b, 0.025, 6) for a, b in pairwise(raised(rim, height))))
+
+
+def spiral_stair(body: Body, middle: tuple[float, float], start: float, low: float, high: float,
+                 radius_at: Callable[[float], float]) -> None:
+    """Treads of 0.85 m around a shell whose radius is a function of height, with a handrail outside."""
+    rail: list[Array] = []
+    angle = start
+    for k, z in enumerate(np.arange(low, high, 0.24)):
+        r = radius_at(float(z))
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        tread = np.array([*middle, z]) + out * (r - 0.03)
+        body.add("trim", bar(tread, tread + 0.85 * out, 0.28, 0.05))
+        if k % 3 == 0:
+            post = tread + 0.8 * out
+            body.add("trim", rod(post, raised(post, 1.05), 0.025, 6))
+            rail.append(raised(post, 1.05))
+        angle += 0.24 / 0.85 / r
+    body.add_all("trim", (rod(a, b, 0.03, 6) for a, b in pairwise(rail)))

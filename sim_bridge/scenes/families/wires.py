@@ -53,7 +53,7 @@ def lattice(foot: ArrayLike, head: ArrayLike, panels: int, leg: float, brace: fl
 
 
 def _angles(starts: Array, ends: Array, width: float, towards: Array) -> Solid:
-    return members(*(points.reshape(-1, 3) for points in (starts, ends)), angle_steel(width), towards.reshape(-1, 3))
+    return members(starts.reshape(-1, 3), ends.reshape(-1, 3), angle_steel(width), towards.reshape(-1, 3))
 
 
 def _even_panels(low: Array, high: Array, panels: int) -> Array:
