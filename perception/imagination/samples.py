@@ -13,8 +13,8 @@ from missions.grid import UNKNOWN
 from perception.imagination.partial_maps import PartialMaps
 from perception.imagination.window import CELL, MULTIPLE, Floats, Window, known
 
-LARGEST = (48, 48, 40)
-"""Voxels of a patch at most."""
+PATCHES = ((48, 48, 40), (48, 48, 40), (48, 48, 40), (96, 96, 64))
+"""Voxels of a patch at most: mostly small, for many steps, sometimes large, for the far view."""
 RIM_M = 1.5
 """Unknown voxels as near as this to known ones are the first that a ray meets."""
 FAR_WEIGHT = 0.25
@@ -22,17 +22,18 @@ FAR_WEIGHT = 0.25
 
 @dataclass(frozen=True)
 class Sample:
-    """One window: state and place as the network is told, solid and weight as it is judged."""
+    """One window: state and place as the network is told; solid where it is judged, which is where unknown holds."""
 
     state: NDArray[np.uint8]
     place: Floats
     solid: NDArray[np.uint8]
-    judged: NDArray[np.uint8]
-    """0 where known or beyond the grid, 1 where unknown, 2 where unknown and near to something known."""
+    unknown: NDArray[np.uint8]
+    """(i, j, k) 0 where known, and beyond the grid."""
+    rim_voxels: int
 
     def patch(self, rng: np.random.Generator) -> Sample:
-        """A part of at most LARGEST, turned about the vertical by a multiple of 90 degrees, perhaps mirrored."""
-        size = [min(n, m) for n, m in zip(self.state.shape, LARGEST, strict=True)]
+        """A part as large as one of PATCHES, turned about the vertical by so many right angles, perhaps mirrored."""
+        size = [min(n, m) for n, m in zip(self.state.shape, PATCHES[rng.integers(len(PATCHES))], strict=True)]
         spare = [n - s for n, s in zip(self.state.shape, size, strict=True)]
         first = [MULTIPLE * int(rng.integers(n // MULTIPLE + 1)) for n in spare]
         fine = tuple(slice(a, a + s) for a, s in zip(first, size, strict=True))
@@ -44,7 +45,8 @@ class Sample:
             return np.ascontiguousarray(np.flip(turned, axis) if mirrored else turned)
 
         return Sample(placed(self.state[fine], 0), placed(self.place[coarse], 1),  # type: ignore[arg-type]
-                      placed(self.solid[fine], 0), placed(self.judged[fine], 0))  # type: ignore[arg-type]
+                      placed(self.solid[fine], 0), placed(self.unknown[fine], 0),  # type: ignore[arg-type]
+                      self.rim_voxels)
 
     @property
     def known(self) -> Floats:
@@ -54,7 +56,8 @@ class Sample:
     @property
     def weight(self) -> Floats:
         """(i, j, k) what each voxel counts in the loss."""
-        return np.array([0.0, FAR_WEIGHT, 1.0], dtype=np.float32)[self.judged]
+        rim = ndimage.binary_dilation(self.state != UNKNOWN, iterations=self.rim_voxels)
+        return np.where(rim, 1.0, FAR_WEIGHT).astype(np.float32) * self.unknown
 
 
 def samples_of(maps: Iterable[PartialMaps]) -> list[Sample]:
@@ -64,9 +67,7 @@ def samples_of(maps: Iterable[PartialMaps]) -> list[Sample]:
         box = (m.object_min_enu_m, m.object_max_enu_m, m.ground_up_m)
         for grid in m.grids:
             window = Window.around(grid, *box)
-            state = window.cut(grid.state)
             unknown = window.cut((grid.state == UNKNOWN).astype(np.uint8))
-            rim = ndimage.binary_dilation(state != UNKNOWN, iterations=round(RIM_M / grid.voxel_m))
-            samples.append(Sample(state, window.place(grid, *box), window.cut(m.solid.astype(np.uint8)),
-                                  unknown + (unknown & rim)))
+            samples.append(Sample(window.cut(grid.state), window.place(grid, *box),
+                                  window.cut(m.solid.astype(np.uint8)), unknown, round(RIM_M / grid.voxel_m)))
     return samples

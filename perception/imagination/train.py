@@ -20,6 +20,7 @@ from perception.imagination.checkpoint import Training, save_net
 from perception.imagination.network import ImaginationNet
 from perception.imagination.partial_maps import load_maps
 from perception.imagination.samples import Sample, samples_of
+from perception.imagination.window import Floats
 
 WARM_STEPS = 40
 CHECKPOINT_STEPS = 50
@@ -37,14 +38,15 @@ def train_step(training: Training, samples: Sequence[Sample], steps: int, rate: 
     """One step on `batch` random patches, with a rate that warms up and then falls to zero as a cosine; mean loss."""
     rng = np.random.default_rng([seed, training.step])
     patches = [samples[int(k)].patch(rng) for k in rng.integers(len(samples), size=batch)]
-    whole = max(sum(float(p.weight.sum()) for p in patches), 1.0)
+    weights = [p.weight for p in patches]
+    whole = max(sum(float(w.sum()) for w in weights), 1.0)
     warm = min(1.0, (training.step + 1) / WARM_STEPS)
     for group in training.optimizer.param_groups:
         group["lr"] = rate * warm * 0.5 * (1.0 + math.cos(math.pi * min(training.step / steps, 1.0)))
     training.optimizer.zero_grad()
     total = 0.0
-    for patch in patches:
-        loss = _loss(training.net, patch) / whole
+    for patch, weight in zip(patches, weights, strict=True):
+        loss = _loss(training.net, patch, weight) / whole
         loss.backward()  # type: ignore[no-untyped-call]
         total += float(loss.detach())
     torch.nn.utils.clip_grad_norm_(training.net.parameters(), 1.0)
@@ -55,16 +57,20 @@ def train_step(training: Training, samples: Sequence[Sample], steps: int, rate: 
 
 def validation_loss(net: ImaginationNet, samples: Sequence[Sample]) -> float:
     """Mean loss over samples, whole and unturned."""
+    loss = whole = 0.0
     with torch.inference_mode():
-        losses = [float(_loss(net, s)) for s in samples]
-    return sum(losses) / max(sum(float(s.weight.sum()) for s in samples), 1.0)
+        for sample in samples:
+            weight = sample.weight
+            loss += float(_loss(net, sample, weight))
+            whole += float(weight.sum())
+    return loss / max(whole, 1.0)
 
 
-def _loss(net: ImaginationNet, sample: Sample) -> torch.Tensor:
+def _loss(net: ImaginationNet, sample: Sample, weight: Floats) -> torch.Tensor:
     """Weighted sum of log losses."""
     logits = net(torch.from_numpy(sample.known)[None], torch.from_numpy(sample.place)[None])[0]
     truth = torch.from_numpy(sample.solid).float()
-    return torch.nn.functional.binary_cross_entropy_with_logits(logits, truth, torch.from_numpy(sample.weight),
+    return torch.nn.functional.binary_cross_entropy_with_logits(logits, truth, torch.from_numpy(weight),
                                                                 reduction="sum")
 
 
