@@ -15,7 +15,8 @@ from missions.errors import UserError
 from missions.frames import Array
 from sim_bridge.nbv.campaign import Row
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7A5195")
+COLORS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), (0, 0, 0),
+          (122, 81, 149))
 SAMPLES = 200
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 1180px; margin: 0 auto; padding: 24px; }
@@ -83,9 +84,9 @@ def _plot(title: str, along: Along, methods: dict[str, list[Row]]) -> str:
     for (method, rows), color in zip(methods.items(), cycle(COLORS), strict=False):
         at, mean, deviation = _mean_curve(rows, along)
         band = np.concatenate([mean + deviation, (mean - deviation)[::-1]])
-        figure.add_scatter(x=np.concatenate([at, at[::-1]]), y=band, fill="toself", fillcolor=color, opacity=0.15,
+        figure.add_scatter(x=np.concatenate([at, at[::-1]]), y=band, fill="toself", fillcolor=f"rgba{(*color, 0.15)}",
                            line_width=0, hoverinfo="skip", showlegend=False, legendgroup=method)
-        figure.add_scatter(x=at, y=mean, name=method, line_color=color, legendgroup=method)
+        figure.add_scatter(x=at, y=mean, name=method, line_color=f"rgb{color}", legendgroup=method)
     ceiling = next(iter(methods.values()))[0].ceiling
     figure.add_hline(y=ceiling, line_dash="dash", line_color="#616e7c")
     figure.update_layout(height=360, margin={"l": 40, "r": 8, "t": 8, "b": 40}, template="plotly_white",

@@ -57,7 +57,7 @@ class Score:
     def seconds_to(self, share_of_ceiling: float) -> float | None:
         """When coverage reached this share of the ceiling; None if never."""
         reached = np.array(self.curve) >= share_of_ceiling * self.arena.ceiling
-        return self.seconds[int(reached.argmax())] if reached.any() else None
+        return round(self.seconds[int(reached.argmax())], 2) if reached.any() else None
 
 
 def flight_s(start: Pose, end: Pose, limits: Limits) -> float:
