@@ -61,7 +61,7 @@ def _fly(runs: list[Run], campaign: Campaign, jobs: int, ledger: Ledger) -> tupl
                 told += f"AUC {outcome.auc:.3f}, final {outcome.final:.3f} in {outcome.wall_s:.0f} s"
             else:
                 told += str(outcome)
-            console.print(told, markup=False, highlight=False)
+            console.print(told, markup=False, highlight=False, soft_wrap=True)
             progress.advance(task)
     return [rows[run] for run in runs if run in rows], len(runs) - len(rows)
 
