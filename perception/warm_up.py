@@ -9,7 +9,7 @@ import numpy as np
 
 from missions.camera import Camera, Pose
 from perception.depth.depth_map import DepthMap
-from perception.depth.plane_sweep import estimate, make_frame
+from perception.depth.pictures import PictureDepths
 from perception.mapping.voxel_map import VoxelMap
 from perception.reconstruct.depth_map import merge_pairs
 from perception.reconstruct.fusion import PosedDepth, support
@@ -23,10 +23,14 @@ def warm_up() -> None:
     """Sweep planes through two pictures, map a wall from its depth, and fuse depth maps of it."""
     poses = [Pose((0.0, y, 2.0), 0.0, 0.0) for y in (2.0, 2.5)]
     picture = np.random.default_rng(1).integers(0, 255, (CAMERA.height_px, CAMERA.width_px, 3), dtype=np.uint8)
-    target, source = (make_frame(picture, CAMERA, pose) for pose in poses)
-    shape = estimate(target, [source]).depth_m.shape
-    _map(target.camera, poses, np.full(shape, WALL_M, dtype=np.float32))
-    _fuse(target.camera, poses, np.full(shape, WALL_M, dtype=np.float32))
+    depths = PictureDepths(min_sources=1)
+    for pose in poses:
+        depths.add(picture, CAMERA, pose)
+    depths.update()
+    camera = CAMERA.scaled(CAMERA.width_px // 2, CAMERA.height_px // 2)
+    wall = np.full((camera.height_px, camera.width_px), WALL_M, dtype=np.float32)
+    _map(camera, poses, wall)
+    _fuse(camera, poses, wall.copy())
 
 
 def _map(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32]) -> None:

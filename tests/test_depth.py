@@ -1,4 +1,4 @@
-"""Plane sweep, sources, sky and consistency, on pictures whose depth is known exactly."""
+"""Plane sweep, sources, sky, the vote of neighbours and its confidence, on pictures whose depth is known exactly."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from hypothesis import strategies as st
 
 from missions.camera import Pose
 from perception.depth import torch_volume
-from perception.depth.consistency import votes
+from perception.depth.confidence import FEATURES, TRUSTED, features, fitted, log_odds
 from perception.depth.cost_volume import cost_volume
+from perception.depth.depth_map import DepthMap
+from perception.depth.filling import filled
+from perception.depth.fusion import consensus
 from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
 from perception.depth.sky import sky_mask
-from perception.depth.sources import MIN_SPACING_M, choose_sources, source_scores
+from perception.depth.sources import MIN_SPACING_M, choose_sources, source_worth
 from perception.depth.texture import determinacy
 from tests.depth_scene import CAMERA, exact_depth_map, halved, wall_picture
 
@@ -93,15 +96,15 @@ def test_sweep_needs_a_source() -> None:
 def test_rotation_alone_is_no_source() -> None:
     target = Pose((0.0, 0.0, 5.0), 0.0, 0.0)
     turned = [Pose((0.0, 0.0, 5.0), yaw, 0.1) for yaw in (-0.4, 0.0, 0.3)]
-    assert source_scores(target, turned, CAMERA).tolist() == [0.0, 0.0, 0.0]
-    assert len(choose_sources(target, turned, CAMERA)) == 0
+    assert (source_worth(target, turned, CAMERA) == 0.0).all()
+    assert len(choose_sources(target, turned, CAMERA)[0]) == 0
 
 
 def test_best_source_has_parallax_and_overlap() -> None:
     target = Pose((0.0, 0.0, 5.0), NORTH, 0.0)
     near, good, wide, away = ((0.05, NORTH), (1.5, NORTH), (14.0, NORTH), (1.5, -NORTH))
     poses = [Pose((x, 0.0, 5.0), yaw, 0.0) for x, yaw in (near, good, wide, away)]
-    score = source_scores(target, poses, CAMERA)
+    score = source_worth(target, poses, CAMERA).mean(axis=1)
     assert int(np.argmax(score)) == 1
     assert score[1] > 0.5
     assert max(score[0], score[2], score[3]) < 0.1
@@ -114,12 +117,11 @@ pose_strategy = st.builds(lambda x, y, z, yaw, e: Pose((x, y, z), yaw, e), coord
 
 @settings(max_examples=60, deadline=None)
 @given(pose_strategy, st.lists(pose_strategy, max_size=12))
-def test_chosen_sources_are_distinct_spaced_and_ranked(target: Pose, candidates: list[Pose]) -> None:
-    score = source_scores(target, candidates, CAMERA)
-    chosen = choose_sources(target, candidates, CAMERA, 4)
-    assert np.all((score >= 0.0) & (score <= 1.0))
+def test_chosen_sources_are_distinct_and_spaced_and_more_are_worth_more(target: Pose, candidates: list[Pose]) -> None:
+    chosen, worth = choose_sources(target, candidates, CAMERA, 4)
+    assert 0.0 <= worth <= 1.0
     assert len(chosen) <= 4
-    assert np.all(np.diff(score[chosen]) <= 0.0)
+    assert worth >= choose_sources(target, candidates, CAMERA, 3)[1] >= choose_sources(target, candidates, CAMERA, 1)[1]
     places = np.array([candidates[i].position_enu_m for i in chosen]).reshape(-1, 3)
     gaps = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(len(places)) * 99.0
     assert np.all(gaps >= MIN_SPACING_M)
@@ -149,16 +151,67 @@ def test_blue_wall_below_the_horizon_or_cut_off_from_the_top_is_not_sky() -> Non
     assert not sky_mask(framed, camera, Pose((0.0, 0.0, 5.0), 0.0, 0.6)).any()
 
 
-def test_neighbours_confirm_truth_and_see_through_a_ghost() -> None:
+def test_sources_serve_both_sides_of_the_picture() -> None:
+    """A camera that turned left and one that turned right together beat two that look the same way."""
+    target = Pose((0.0, 0.0, 5.0), NORTH, 0.0)
+    left, again, right = (Pose((x, 0.0, 5.0), NORTH + turn, 0.0) for x, turn in ((1.0, 0.5), (1.4, 0.5), (-1.0, -0.5)))
+    chosen, _ = choose_sources(target, [left, again, right], CAMERA, 2)
+    assert 2 in chosen
+
+
+def _wall_and_neighbours() -> tuple[list[DepthMap], list[np.ndarray]]:
     poses = _sideways(8.0)
-    maps = [exact_depth_map(p, halved(wall_picture(p)[1]), 1e-3) for p in poses]
-    ghost = maps[0].depth_m.copy()
+    pictures = [wall_picture(pose) for pose in poses]
+    maps = [exact_depth_map(pose, halved(depth), 1e-3) for pose, (_, depth) in zip(poses, pictures, strict=True)]
+    return maps, [make_frame(rgb, CAMERA, pose).gray for pose, (rgb, _) in zip(poses, pictures, strict=True)]
+
+
+def test_neighbours_confirm_truth_and_correct_a_ghost() -> None:
+    maps, grays = _wall_and_neighbours()
+    true, ghost = maps[0].depth_m, maps[0].depth_m.copy()
     ghost[40:60, 100:120] = 4.0
-    agree, against = votes(replace(maps[0], depth_m=ghost), maps[1:])
-    assert (agree[80:, 60:170] >= 3).all()
-    assert (against[80:, 60:170] == 0).all()
-    assert (against[42:58, 102:118] >= 3).all()
-    assert (agree[42:58, 102:118] == 0).all()
+    vote = consensus(replace(maps[0], depth_m=ghost), grays[0], maps[1:], grays[1:])
+    middle = np.s_[30:70, 90:130]
+    assert np.abs(vote.depth_m[middle] / true[middle] - 1.0).max() < 0.01
+    assert (vote.agree[80:, 60:170] >= 3).mean() > 0.95
+    assert (vote.against[80:, 60:170] == 0).all()
+
+
+def test_a_ghost_that_others_see_through_is_not_trusted() -> None:
+    """Where no neighbour answers on the ray, the ghost stays the best guess, and only its confidence falls."""
+    maps, grays = _wall_and_neighbours()
+    ghost = replace(maps[0], depth_m=np.full_like(maps[0].depth_m, 4.0))
+    voted, true = (consensus(own, grays[0], maps[1:], grays[1:]) for own in (ghost, maps[0]))
+    seen_through = (np.abs(voted.depth_m - 4.0) < 0.05) & (voted.against >= 2)
+    odds = log_odds(features(ghost, voted, grays[0]))
+    good = log_odds(features(maps[0], true, grays[0]))
+    assert not (odds[seen_through] >= TRUSTED).any()
+    assert np.median(good[20:-20, 40:-40]) > 2.0
+
+
+def test_filling_takes_the_side_that_looks_alike() -> None:
+    gray = np.full((40, 60), 50.0, np.float32)
+    gray[:, 30:] = 200.0
+    depth = np.where(gray < 100.0, np.float32(5.0), np.float32(20.0))
+    trusted = np.ones(gray.shape, np.bool_)
+    trusted[5:35, 26:34] = False
+    blank = np.where(trusted, depth, np.float32(99.0)).astype(np.float32)
+    assert np.allclose(filled(blank, trusted, gray), depth)
+    assert np.array_equal(filled(blank, np.zeros_like(trusted), gray), blank)
+
+
+def test_fitted_confidence_is_calibrated_where_the_model_holds() -> None:
+    rng = np.random.default_rng(4)
+    x = np.column_stack([np.ones(40_000), rng.normal(size=(40_000, 2))]).astype(np.float32)
+    true = np.array([0.5, 1.2, -0.7])
+    right = rng.uniform(size=len(x)) < 1.0 / (1.0 + np.exp(-(x @ true)))
+    assert np.abs(fitted(x, right) - true).max() < 0.06
+
+
+def test_confidence_has_a_weight_for_every_feature() -> None:
+    maps, grays = _wall_and_neighbours()
+    vote = consensus(maps[0], grays[0], maps[1:], grays[1:])
+    assert features(maps[0], vote, grays[0]).shape == (len(FEATURES), *grays[0].shape)
 
 
 def test_edge_along_the_epipolar_line_determines_nothing() -> None:

@@ -7,7 +7,7 @@ one move after the other, from the pictures alone, before the truth is opened.
 from __future__ import annotations
 
 import argparse
-import itertools
+import json
 import subprocess
 import sys
 import tempfile
@@ -15,26 +15,26 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from ground_station.bench.depth_fit import fit
 from ground_station.bench.depth_page import Shown, write_page
-from ground_station.bench.depth_scores import Pixels, Row, counted, judged, summary
+from ground_station.bench.depth_scores import Pixels, Row, counted, ghosts, judged, summary
+from ground_station.bench.depth_walking import online_depths, picture, ray_lengths
 from missions.console import print_result
 from missions.errors import UserError
 from missions.walks import Walks, truth_path, walks_path
-from perception.depth.depth_map import DepthMap
-from perception.depth.pictures import PictureDepths
 from perception.warm_up import warm_up
 
 BUILT_IN = ("bridge", "building", "powerline", "statue")
 FIELDS = {"answered": "answered", "abs_rel": "abs rel", "delta_1_25": "δ<1.25", "abs_rel_all": "abs rel, all",
           "delta_1_25_all": "δ<1.25, all", "answered_thin": "thin answered", "abs_rel_thin": "thin abs rel",
-          "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
+          "ghosts": "ghosts", "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
 
 
 def main(argv: Sequence[str]) -> int:
@@ -44,57 +44,43 @@ def main(argv: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as scratch:
         folder = options.data or Path(scratch)
         _take_pictures(folder, options)
+        if options.fit:
+            weights = fit(folder, options.scenes)
+            sys.stdout.write(f"{json.dumps(weights)}\n")
+            return 0
         results = [evaluate(folder, scene) for scene in track(options.scenes, "depth", console=Console(stderr=True),
                                                               disable=options.json)]
-    rows = [row for row, _, _ in results]
-    pixels = Pixels.joined([p for _, p, _ in results])
+    rows = [row for row, _, _, _ in results]
+    pixels = Pixels.joined([p for _, p, _, _ in results])
     if len(rows) > 1:
         pictures = sum(row.pictures for row in rows)
-        rows.append(summary("all", pictures, pixels, sum(row.cpu_seconds * row.pictures for row in rows) / pictures))
+        cpu_seconds = sum(row.cpu_seconds * row.pictures for row in rows) / pictures
+        ghost = np.sum([ghost for _, _, ghost, _ in results], axis=0)
+        rows.append(summary("all", pictures, pixels, ghost, cpu_seconds))
     if options.page:
-        write_page(options.page, rows, pixels, [shown for _, _, shown in results])
+        write_page(options.page, rows, pixels, [shown for _, _, _, shown in results])
     print_result(rows, _table(rows), options.json)
     return 0
 
 
-def evaluate(folder: Path, scene: str) -> tuple[Row, Pixels, list[Shown]]:
+def evaluate(folder: Path, scene: str) -> tuple[Row, Pixels, NDArray[np.int64], list[Shown]]:
     """Depth of all pictures of a scene's walks against the truth."""
     walks = msgspec.msgpack.decode(walks_path(folder, scene).read_bytes(), type=Walks)
     start = time.process_time()
-    depths = estimated(walks)
+    depths = [online.depth(i) for online in online_depths(walks) for i in range(len(online))]
     cpu_seconds = (time.process_time() - start) / len(walks.shots)
     with np.load(truth_path(folder, scene)) as truth:
         true, on_object = truth["depth_m"], truth["on_object"]
-    rays_m = np.linalg.norm(walks.camera.rays_camera(), axis=-1)
-    parts, shown = [], []
+    rays_m = ray_lengths(walks.camera)
+    parts, shown, ghost = [], [], np.zeros(2, np.int64)
     for i, depth in enumerate(depths):
         count = counted(true[i], rays_m, walks.sensing_range_m)
         parts.append(judged(depth, true[i], on_object[i], count))
         if depth is not None:
+            ghost += ghosts(depth, true[i], rays_m, walks.sensing_range_m)
             shown.append(Shown(scene, i, picture(walks.jpegs[i]), true[i], depth, count))
     pixels = Pixels.joined(parts)
-    return summary(scene, len(depths), pixels, cpu_seconds), pixels, shown
-
-
-def estimated(walks: Walks) -> list[DepthMap | None]:
-    """Depth of every picture as it stands after its walk, the pictures having come in move by move."""
-    depths: list[DepthMap | None] = []
-    for _, group in itertools.groupby(zip(walks.shots, walks.jpegs, strict=True), key=lambda pair: pair[0].walk):
-        online = PictureDepths()
-        for shot, jpeg in group:
-            online.add(picture(jpeg), walks.camera, shot.pose)
-            if shot.key:
-                online.update()
-        depths += [online.depth(i) for i in range(len(online))]
-    return depths
-
-
-def picture(jpeg: bytes) -> np.typing.NDArray[np.uint8]:
-    """(h, w, 3) RGB."""
-    bgr = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    if bgr is None:
-        raise UserError("a picture of the walks cannot be decoded; take the pictures anew.")
-    return np.asarray(bgr[..., ::-1], np.uint8)
+    return summary(scene, len(depths), pixels, ghost, cpu_seconds), pixels, ghost, shown
 
 
 def _take_pictures(folder: Path, options: argparse.Namespace) -> None:
@@ -118,6 +104,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--data", type=Path, help="folder that keeps pictures and truth for the next run; scenes that "
                         "it already holds are not walked anew")
     parser.add_argument("--page", type=Path, help="write the worst pictures and the curves to this HTML page")
+    parser.add_argument("--fit", action="store_true", help="print the confidence's weights fitted on these scenes, "
+                        "and score nothing")
     parser.add_argument("--json", action="store_true", help="one JSON document instead of a table")
     return parser.parse_args(argv)
 

@@ -72,6 +72,8 @@ class Row:
     thin: float
     """Share of the counted pixels that lie on something thin."""
     called_sky: float
+    ghosts: float
+    """Share of the pixels answered with a depth in the range where the truth is sky, or 1.25 times as far or more."""
     ause: float
     """Area between the sparsification curve of the confidence and the oracle's, both of abs_rel over all pixels."""
     ause_random: float
@@ -122,8 +124,15 @@ def judged(ours: DepthMap | None, depth_m: Floats, on_object: Mask, count: Mask)
     return Pixels(np.abs(depth - true) / true, ratio, valid, confidence, *parts, sky)
 
 
-def summary(scene: str, pictures: int, p: Pixels, cpu_seconds: float) -> Row:
-    """The row of a scene."""
+def ghosts(ours: DepthMap, depth_m: Floats, rays_m: Array, range_m: float) -> NDArray[np.int64]:
+    """(2,) pixels of a picture answered in the range with nothing there, and all that are answered in the range."""
+    depth, valid = full_size(ours.depth_m, depth_m.shape), full_size(ours.valid, depth_m.shape)
+    claimed = valid & (depth * rays_m <= range_m)
+    return np.array([(claimed & (depth_m >= DELTA * depth)).sum(), claimed.sum()], np.int64)
+
+
+def summary(scene: str, pictures: int, p: Pixels, ghost: NDArray[np.int64], cpu_seconds: float) -> Row:
+    """The row of a scene; ghost: (2,) sums of `ghosts`."""
     a, own, fine = p.answered, p.on_object, p.thin
     curve, best = sparsification(p.error, -p.confidence), sparsification(p.error, p.error)
     curve_answered = sparsification(p.error[a], -p.confidence[a])
@@ -131,6 +140,7 @@ def summary(scene: str, pictures: int, p: Pixels, cpu_seconds: float) -> Row:
     return Row(scene, pictures, len(a), _mean(a), _mean(p.error[a]), _mean(p.ratio[a] < DELTA), _mean(p.error),
                _mean(p.ratio < DELTA), float(np.median(p.error)) if len(a) else 0.0, _mean(p.error[a & own]),
                _mean(a[own]), _mean(p.error[a & fine]), _mean(a[fine]), _mean(fine), _mean(p.said_sky),
+               float(ghost[0] / max(int(ghost[1]), 1)),
                float((curve - best).mean()), float((_mean(p.error) - best).mean()), float(best.mean()),
                float((curve_answered - best_answered).mean()), float(best_answered.mean()),
                calibration_error(p), cpu_seconds)

@@ -24,7 +24,7 @@ class DepthMap:
     valid: Mask
     """(h, w) trusted pixels."""
     confidence: Image
-    """(h, w) 0 to 1."""
+    """(h, w) 0 to 1; after the check against neighbours the chance that the relative error is below 5 %."""
     sky: Mask
     """(h, w) pixels that show open sky beyond doubt; never valid at the same time."""
     sigma_per_depth2: float

@@ -9,17 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
-from perception.depth.consistency import votes
-from perception.depth.depth_map import DepthMap
+from perception.depth.confidence import FILLED, TRUSTED, features, log_odds, probability
+from perception.depth.depth_map import DepthMap, Image
+from perception.depth.filling import filled
+from perception.depth.fusion import Consensus, consensus
 from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
-from perception.depth.sources import choose_sources, source_scores
+from perception.depth.sources import choose_sources
 
 CANDIDATES = 48
 """Nearest pictures considered as sources."""
+VOTERS = 12
+"""Nearest pictures whose depth maps are heard."""
 NEAR_M = 7.0
 """New pictures further away than this are no reason to look for better sources."""
-BETTER = 1.5
-"""A picture is estimated anew when its sources' total score has grown by this factor."""
+BETTER = 1.2
+"""A picture is estimated anew when the worth of its sources has grown by this factor."""
 
 
 @dataclass
@@ -34,7 +38,7 @@ class _Picture:
 class PictureDepths:
     """Pictures with poses in, depth maps out. Deterministic: the same calls give the same depth on any thread count."""
 
-    def __init__(self, settings: SweepSettings | None = None, sources: int = 4, min_sources: int = 2,
+    def __init__(self, settings: SweepSettings | None = None, sources: int = 6, min_sources: int = 2,
                  workers: int = 4) -> None:
         self._sweep = settings or SweepSettings()
         self._count, self._least = sources, min_sources
@@ -81,30 +85,38 @@ class PictureDepths:
             return []
         near = self._near(index)
         poses = [self._pictures[i].frame.pose for i in near]
-        chosen = choose_sources(picture.frame.pose, poses, picture.frame.camera, self._count)
-        if len(chosen) < self._least:
-            return []
-        score = float(source_scores(picture.frame.pose, [poses[i] for i in chosen], picture.frame.camera).sum())
-        if picture.estimates == 1 and score < BETTER * picture.score:
+        chosen, score = choose_sources(picture.frame.pose, poses, picture.frame.camera, self._count)
+        if len(chosen) < self._least or (picture.estimates == 1 and score < BETTER * picture.score):
             return []
         picture.score, picture.estimates = score, picture.estimates + 1
         return [near[i] for i in chosen]
 
     def _checked(self, index: int) -> DepthMap:
         """A picture's depth map checked against those of its neighbours."""
-        depth = self._pictures[index].raw
-        assert depth is not None
-        return checked(depth, [d for i in self._near(index)[:12] if (d := self._pictures[i].raw) is not None])
+        depth, vote = self._vote(index)
+        gray = self._pictures[index].frame.gray
+        odds = log_odds(features(depth, vote, gray))
+        trusted = odds >= TRUSTED
+        guess = filled(vote.depth_m, trusted & ~depth.sky, gray)
+        odds = np.where(trusted, odds, FILLED[0] + FILLED[1] * odds)
+        return replace(depth, depth_m=guess, valid=trusted & ~depth.sky, confidence=probability(odds))
+
+    def evidence(self, index: int) -> tuple[Image, NDArray[np.float32]]:
+        """For a picture that has been estimated: (h, w) depth as the vote has it by now, and (features, h, w) what its
+        confidence is reckoned from."""
+        depth, vote = self._vote(index)
+        return vote.depth_m, features(depth, vote, self._pictures[index].frame.gray)
+
+    def _vote(self, index: int) -> tuple[DepthMap, Consensus]:
+        """A picture's own estimate, and what its neighbours make of it."""
+        own = self._pictures[index]
+        others = [p for i in self._near(index)[:VOTERS] if (p := self._pictures[i]).raw is not None]
+        assert own.raw is not None
+        return own.raw, consensus(own.raw, own.frame.gray, [p.raw for p in others if p.raw is not None],
+                                  [p.frame.gray for p in others])
 
     def _near(self, index: int) -> list[int]:
         """Other pictures, nearest first."""
         position = np.array([p.frame.pose.position_enu_m for p in self._pictures])
         order = np.argsort(np.linalg.norm(position - position[index], axis=1), kind="stable")
         return [int(i) for i in order if i != index][:CANDIDATES]
-
-
-def checked(depth: DepthMap, others: list[DepthMap]) -> DepthMap:
-    """The depth map without pixels that more of the others see through than confirm, or that none confirms."""
-    agree, against = votes(depth, others)
-    good = depth.valid & (agree >= 1) & (agree >= against)
-    return replace(depth, valid=good, confidence=np.where(good, depth.confidence, np.float32(0.0)))

@@ -21,6 +21,8 @@ from perception.depth.depth_map import DepthMap, Image
 from perception.depth.sky import sky_mask
 
 COST_SCALE = 250.0
+FARTHEST_M = 100.0
+"""Depth that stands for all beyond it; pictures of one flight do not tell them apart."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,10 @@ class SweepSettings:
 
     shrink: int = 2
     """The volume has the picture's resolution divided by this."""
-    nearest_m: float = 1.5
-    max_planes: int = 128
+    nearest_m: float = 1.0
+    planes: int = 96
+    evenness: float = .3
+    """Step of inverse depth at infinity beside the mean step; 1 is one step everywhere."""
     max_cost: float = 0.4
     """Largest 1 - ZNCC at the winning plane."""
     unseen_cost: float = 0.4
@@ -65,12 +69,11 @@ def make_frame(rgb: NDArray[np.uint8], camera: Camera, pose: Pose, shrink: int =
     return Frame(small, pose, np.asarray(gray, dtype=np.float32), sky_mask(rgb_small, small, pose))
 
 
-def inverse_depths(target: Frame, sources: list[Frame], settings: SweepSettings) -> Image:
-    """(planes,) rising inverse depths from 0, infinity; one pixel of the widest parallax apart where affordable."""
-    rate = max(parallax_rate_px(target, source) for source in sources)
-    nearest = 1.0 / settings.nearest_m
-    count = int(np.clip(np.ceil(nearest * rate) + 1, 16, settings.max_planes))
-    return np.linspace(0.0, nearest, count, dtype=np.float32)
+def inverse_depths(settings: SweepSettings) -> Image:
+    """(planes,) rising inverse depths from 0, infinity; closer together the farther they are."""
+    share = np.linspace(0.0, 1.0, settings.planes)
+    even = settings.evenness
+    return ((even * share + (1.0 - even) * share**2) / settings.nearest_m).astype(np.float32)
 
 
 def parallax_rate_px(target: Frame, source: Frame) -> float:
@@ -88,20 +91,20 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
     if not sources:
         raise ValueError("plane sweep needs at least one source picture")
     settings = settings or SweepSettings()
-    planes = inverse_depths(target, sources, settings)
+    planes = inverse_depths(settings)
     raw = _cost_volume(target, sources, planes, settings)
     smooth = semi_global.aggregate(raw, target.gray)
     best, offset, second = semi_global.winners(smooth)
     cost = np.take_along_axis(raw, best[..., None].astype(np.int64), axis=2)[..., 0] / COST_SCALE
-    step = planes[1] - planes[0]
-    depth = (1.0 / np.maximum((best + offset) * step, 1e-4)).astype(np.float32)
+    near = np.interp(best + offset, np.arange(len(planes)), planes)
+    depth = (1.0 / np.maximum(near, 1.0 / FARTHEST_M)).astype(np.float32)
     ratio = np.take_along_axis(smooth, best[..., None].astype(np.int64), axis=2)[..., 0] / np.maximum(second, 1.0)
     confidence = np.clip(1.0 - cost / 0.8, 0.0, 1.0) * np.clip((1.0 - ratio) * 4.0, 0.0, 1.0)
     valid = (cost < settings.max_cost) & (ratio < settings.max_ratio) & _matchable(target, sources, settings)
     valid &= (best < len(planes) - 1) & ~target.sky
     valid[:2], valid[-2:], valid[:, :2], valid[:, -2:] = False, False, False, False
     rate = float(np.median([parallax_rate_px(target, source) for source in sources]))
-    return DepthMap(target.camera, target.pose, depth, valid, np.where(valid, confidence, 0.0).astype(np.float32),
+    return DepthMap(target.camera, target.pose, depth, valid, confidence.astype(np.float32),
                     target.sky, settings.sigma_px / max(rate, 1e-6))
 
 

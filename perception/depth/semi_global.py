@@ -25,7 +25,11 @@ def aggregate(cost: Volume, gray: Image) -> Volume:
 
 
 def winners(volume: Volume) -> tuple[NDArray[np.int32], Image, Image]:
-    """(h, w) best plane, its sub-plane offset by a parabola, and the least cost more than three planes away."""
+    """(h, w) best plane, its sub-plane offset, and the least cost more than three planes away.
+
+    The offset is where two lines of equal slope meet: costs are sampled too coarsely for a parabola, which would draw
+    the offset to whole planes (Shimizu & Okutomi 2001).
+    """
     h, w, _ = volume.shape
     best, offset, second = np.empty((h, w), np.int32), np.empty((h, w), np.float32), np.empty((h, w), np.float32)
     _winners(volume, best, offset, second)
@@ -104,6 +108,6 @@ def _winners(volume: Volume, best: NDArray[np.int32], offset: Image, second: Ima
                     other = cost[d]
             best[y, x], second[y, x], offset[y, x] = b, other, 0.0
             if 0 < b < planes - 1:
-                bend = float(cost[b - 1]) - 2.0 * cost[b] + cost[b + 1]
-                if bend > 0:
-                    offset[y, x] = 0.5 * (float(cost[b - 1]) - cost[b + 1]) / bend
+                rise = float(max(cost[b - 1], cost[b + 1])) - cost[b]
+                if rise > 0:
+                    offset[y, x] = 0.5 * (float(cost[b - 1]) - cost[b + 1]) / rise

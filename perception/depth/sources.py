@@ -8,23 +8,23 @@ from numpy.typing import NDArray
 from missions.camera import Camera, Pose
 from missions.frames import Array
 
-RANGES_M = np.array([6.0, 10.0, 16.0])
+RANGES_M = np.array([4.0, 8.0, 14.0, 22.0])
 PARALLAX_DEG = (1.0, 3.0, 15.0, 25.0)
-"""Score of a parallax angle: 0 below the first, 1 between the second and third, 0 above the last."""
-MIN_SCORE = 0.12
+"""Worth of a parallax angle: 0 below the first, 1 between the second and third, 0 above the last."""
+SECOND = 0.7
+"""What the second source of a point is worth beside the first."""
+MIN_GAIN = 0.04
 MIN_SPACING_M = 0.25
 
 
-def source_scores(target: Pose, candidates: list[Pose], camera: Camera) -> Array:
-    """(n,) how well each candidate triangulates what the target sees, 0 to 1.
+def source_worth(target: Pose, candidates: list[Pose], camera: Camera) -> Array:
+    """(n, p) how well each candidate triangulates each of some points all over the target's frustum, 0 to 1.
 
-    Mean over a grid of points in the target's frustum of: seen by the candidate, times the worth of the parallax.
+    The worth of the parallax where the candidate has the point in its picture, else 0.
     """
-    if not candidates:
-        return np.zeros(0)
     points = _frustum_points(target, camera)
-    position = np.array([c.position_enu_m for c in candidates])
-    camera_from_enu = np.stack([c.enu_from_camera.T for c in candidates])
+    position = np.array([c.position_enu_m for c in candidates]).reshape(-1, 3)
+    camera_from_enu = np.array([c.enu_from_camera.T for c in candidates]).reshape(-1, 3, 3)
     local = np.einsum("nij,npj->npi", camera_from_enu, points[None] - position[:, None])
     depth = np.maximum(local[..., 2], 1e-6)
     u = camera.fx_px * local[..., 0] / depth + camera.cx_px
@@ -34,28 +34,40 @@ def source_scores(target: Pose, candidates: list[Pose], camera: Camera) -> Array
     cosine = np.einsum("pi,npi->np", to_target, points[None] - position[:, None])
     cosine /= np.linalg.norm(to_target, axis=1) * np.linalg.norm(points[None] - position[:, None], axis=2)
     parallax = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    worth = np.interp(parallax, PARALLAX_DEG, (0.0, 1.0, 1.0, 0.0))
-    score: Array = (seen * worth).mean(axis=1)
-    return score
+    worth: Array = seen * np.interp(parallax, PARALLAX_DEG, (0.0, 1.0, 1.0, 0.0))
+    return worth
 
 
-def choose_sources(target: Pose, candidates: list[Pose], camera: Camera, count: int = 4) -> NDArray[np.int64]:
-    """Indices of at most `count` candidates, best first, none within MIN_SPACING_M of another. Ties go to the first."""
-    score = source_scores(target, candidates, camera)
+def choose_sources(target: Pose, candidates: list[Pose], camera: Camera,
+                   count: int = 4) -> tuple[NDArray[np.int64], float]:
+    """Indices of at most `count` candidates that together serve the whole frustum, and what they are worth, 0 to 1.
+
+    Greedy: each adds most to the mean over the points of the best source's worth and SECOND times the second best's.
+    None within MIN_SPACING_M of another, none that adds less than MIN_GAIN. Ties go to the first.
+    """
+    worth = source_worth(target, candidates, camera)
     position = np.array([c.position_enu_m for c in candidates]).reshape(-1, 3)
+    best, second = np.zeros(worth.shape[1]), np.zeros(worth.shape[1])
+    open_ = np.ones(len(candidates), np.bool_)
     chosen: list[int] = []
-    for i in np.argsort(-score, kind="stable"):
-        if len(chosen) == count or score[i] < MIN_SCORE:
+    total = 0.0
+    while len(chosen) < count and open_.any():
+        value = (np.maximum(worth, best) + SECOND * np.maximum(np.minimum(worth, best), second)).mean(axis=1)
+        value = np.where(open_, value / (1.0 + SECOND), 0.0)
+        i = int(value.argmax())
+        if value[i] - total < MIN_GAIN:
             break
-        if all(np.linalg.norm(position[i] - position[j]) >= MIN_SPACING_M for j in chosen):
-            chosen.append(int(i))
-    return np.array(chosen, dtype=np.int64)
+        second = np.maximum(np.minimum(worth[i], best), second)
+        best, total = np.maximum(worth[i], best), float(value[i])
+        chosen.append(i)
+        open_ &= np.linalg.norm(position - position[i], axis=1) >= MIN_SPACING_M
+    return np.array(chosen, dtype=np.int64), total
 
 
 def _frustum_points(pose: Pose, camera: Camera) -> Array:
-    """(p, 3) points at RANGES_M along a 5 x 3 grid of rays."""
-    u = (np.linspace(0.1, 0.9, 5) * camera.width_px - camera.cx_px) / camera.fx_px
-    v = (np.linspace(0.15, 0.85, 3) * camera.height_px - camera.cy_px) / camera.fy_px
+    """(p, 3) points at RANGES_M along a 7 x 4 grid of rays."""
+    u = (np.linspace(0.03, 0.97, 7) * camera.width_px - camera.cx_px) / camera.fx_px
+    v = (np.linspace(0.06, 0.94, 4) * camera.height_px - camera.cy_px) / camera.fy_px
     uu, vv = np.meshgrid(u, v)
     rays = np.stack([uu, vv, np.ones_like(uu)], axis=-1).reshape(-1, 3)
     local = (RANGES_M[:, None, None] * rays).reshape(-1, 3)
