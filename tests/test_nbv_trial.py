@@ -220,6 +220,45 @@ def test_looking_ahead_is_never_far_behind_and_four_vehicles_are_faster() -> Non
     assert oracle("greedy_oracle", 4)[0].score.seconds[-1] < 0.5 * oracle("greedy_oracle")[0].score.seconds[-1]
 
 
+class _Watched(Oracle):
+    """An oracle that looks at what it is asked; `patience` of its first answers are to wait."""
+
+    def __init__(self, score: Score, starts: list[Index5], patience: int = 0) -> None:
+        super().__init__(arena(), score, starts, ORACLES["greedy_oracle"])
+        self.places, self.patience, self.asked = dict(enumerate(starts, 1)), patience, 0
+
+    def choose(self, ask: Ask) -> Answer:
+        self.asked += 1
+        others = {index[:3] for vehicle, index in self.places.items() if vehicle != ask.vehicle}
+        assert not others & {index[:3] for index in ask.candidates}
+        if self.asked <= self.patience:
+            stay = Choice(vehicle=ask.vehicle, index=self.places[ask.vehicle])
+            return Answer(choice=stay, seconds_seeing=0.0, seconds_choosing=0.0, peak_memory_mib=0.0)
+        answer = super().choose(ask)
+        self.places[ask.vehicle] = answer.choice.index
+        return answer
+
+
+def watched(vehicles: int, patience: int) -> tuple[Score, _Watched]:
+    brief, score = arena().brief("watched", 0, vehicles, {}), Score(arena())
+    pilot = _Watched(score, brief.starts, patience)
+    Trial(brief, score, pilot, None).run(brief.starts)
+    return score, pilot
+
+
+def test_no_vehicle_is_offered_a_place_that_another_holds_or_flies_to() -> None:
+    score, pilot = watched(4, 0)
+    assert (len(score.curve), pilot.asked) == (RULES.poses, RULES.poses - 4)
+
+
+def test_who_waits_is_asked_again_when_somebody_has_arrived() -> None:
+    score, pilot = watched(2, 1)
+    assert len(score.curve) == RULES.poses
+    assert pilot.asked == RULES.poses - 2 + 1
+    alone, _ = watched(1, 1)
+    assert len(alone.curve) == 1
+
+
 def test_starts_are_distinct_and_the_first_vehicle_s_does_not_depend_on_the_fleet() -> None:
     starts = [arena().starts(n, 4) for n in range(6)]
     assert len({s[0] for s in starts}) == 6
