@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import itertools
+import json
+from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 
+from ground_station.launcher import prepare
+from missions.camera import Camera
 from missions.errors import UserError
 from missions.mission import SceneSpec, SiteSpec
 from missions.scene_names import BUILT_IN as NAMED
 from missions.scene_names import FAMILIES, SPLITS, STRUCTURES, FamilyScene, families_of, parse_family
+from sim_bridge.render.gallery import Card, whole_object, write_gallery
 from sim_bridge.scenes import commands
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.families.blocks import Blocks
@@ -32,12 +39,14 @@ def built_body(name: str, seed: int) -> Body:
 
 
 def assert_closed(vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Every edge is run through as often in one direction as in the other."""
+    """Every edge is run through as often in one direction as in the other, and no face lies on another one."""
     _, place = np.unique(np.floor(vertices / 1e-5 + 0.37).astype(np.int64), axis=0, return_inverse=True)
     corners = place.ravel()[faces].astype(np.int64)
     start, end = (np.concatenate([np.roll(corners, -k, axis=1)[:, 0] for k in (i, i + 1, i + 2)]) for i in (0, 1))
     count = place.max() + 1
     np.testing.assert_array_equal(np.sort(start * count + end), np.sort(end * count + start))
+    a, b, c = np.sort(corners, axis=1).T
+    assert len(np.unique((a * count + b) * count + c)) == len(faces)
 
 
 @pytest.mark.parametrize(("name", "seed"), list(itertools.product(FAMILIES, SEEDS)))
@@ -70,7 +79,7 @@ def test_parts_are_sound_and_textured(structure: str) -> None:
 def test_two_seeds_differ_in_parameters_and_shape(name: str) -> None:
     first, second = (member(FamilyScene(name, seed)) for seed in SEEDS)
     assert first == member(FamilyScene(name, SEEDS[0]))
-    different = [f.name for f in dataclasses.fields(first)  # type: ignore[arg-type]
+    different = [f.name for f in dataclasses.fields(first)
                  if getattr(first, f.name) != getattr(second, f.name)]
     assert len(different) >= 3
 
@@ -111,6 +120,56 @@ def test_bad_names_are_refused_in_one_sentence(name: str, capsys: pytest.Capture
     said = capsys.readouterr().err
     assert name in said
     assert said.count("\n") == 1
+
+
+def test_commands_take_a_family_s_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert commands.main(["export", "family:chimney:3", str(tmp_path), "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)
+    assert commands.main(["check", written.pop("folder"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {**written, "name": "family_chimney_3"}
+
+
+def test_launcher_takes_a_family_s_scene_and_refuses_a_wrong_one(tmp_path: Path) -> None:
+    def options(scene: str) -> argparse.Namespace:
+        return argparse.Namespace(mission="bridge", set=[], scene=scene, vehicles=None, speed=None, views="",
+                                  run=str(tmp_path / "run"))
+
+    mission, _ = prepare(options("family:church:5"))
+    assert (mission.scene.name, mission.scene.path) == ("family:church:5", "")
+    for wrong in ("family:church:x", "family:temple:1", "nowhere.glb"):
+        with pytest.raises(UserError):
+            prepare(options(wrong))
+
+
+def test_gallery_shows_scenes_with_their_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "sheet.html"
+    assert commands.main(["gallery", str(file), "--families", "clock_tower", "--seeds", "2", "--json"]) == 0
+    parameters = json.loads(capsys.readouterr().out)["scenes"][0]["parameters"]
+    assert parameters == dataclasses.asdict(member(FamilyScene("clock_tower", 2)))
+    page = file.read_text()
+    assert page.count("data:image/jpeg;base64,") == 2
+    assert "family:clock_tower:2" in page
+    assert commands.main(["gallery", str(tmp_path / "sheet.gif")]) == 2
+
+
+def test_gallery_as_png(tmp_path: Path) -> None:
+    red = np.full((300, 480, 3), (200, 0, 0), np.uint8)
+    write_gallery(tmp_path / "sheet.png", [Card("tower, test", str(k), "", (red,)) for k in range(5)])
+    with PIL.Image.open(tmp_path / "sheet.png") as sheet:
+        assert sheet.size == (4 * 480, 2 * (300 + 18))
+        assert sheet.getpixel((240, 500)) == (200, 0, 0)
+
+
+def test_portraits_hold_the_object_s_box() -> None:
+    scene = make_family("bust", 2)
+    camera = Camera.from_diagonal_fov(480, 300, 50.0)
+    for azimuth, up in itertools.product(np.linspace(0.0, 6.0, 7), (0.1, 0.5)):
+        camera_from_enu = whole_object(scene, camera, azimuth, up).camera_from_enu
+        corners = np.array(list(itertools.product(*zip(scene.object_min_enu_m, scene.object_max_enu_m, strict=True))))
+        x, y, z = (corners @ camera_from_enu[:3, :3].T + camera_from_enu[:3, 3]).T
+        assert (z > 0).all()
+        assert (np.abs(x / z) <= camera.cx_px / camera.fx_px).all()
+        assert (np.abs(y / z) <= camera.cy_px / camera.fy_px).all()
 
 
 def test_blocks_keep_only_faces_to_the_air() -> None:

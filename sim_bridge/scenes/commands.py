@@ -1,10 +1,11 @@
-"""`swarmscan scenes`: list the built-in structures, export one, check a file, walk around some."""
+"""`swarmscan scenes`: list what there is, export one, check a file, see them all, walk around some."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,11 @@ from rich.progress import track
 
 from missions.errors import UserError
 from missions.mission import SceneSpec, SiteSpec
+from missions.scene_names import FAMILIES, PREFIX, FamilyScene, is_scene_name, parse_family
+from sim_bridge.render.gallery import Card, check_suffix, portraits, write_gallery
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.export import export_scene
+from sim_bridge.scenes.families.registry import GENERATORS, member
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
 
@@ -39,16 +43,21 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="print one JSON document")
-    commands.add_parser("list", parents=[shared], help="list the built-in structures").set_defaults(run=_list)
+    commands.add_parser("list", parents=[shared], help="list built-in structures and families").set_defaults(run=_list)
     export = commands.add_parser("export", parents=[shared], help="write a scene as OBJ with textures and bounds")
-    export.add_argument("name", metavar="NAME", help=f"one of {', '.join(sorted(BUILT_IN))}")
+    export.add_argument("name", metavar="NAME", help=f"one of {', '.join(sorted(BUILT_IN))}, or {PREFIX}NAME:SEED")
     export.add_argument("folder", metavar="DIR", type=Path, help="folder to write NAME/ into")
     export.add_argument("--seed", type=int, default=1)
     export.set_defaults(run=_export)
-    check = commands.add_parser("check", parents=[shared], help="say what the importer finds and repairs in a file")
-    check.add_argument("path", metavar="PATH", help="a GLB, OBJ, PLY or STL file, or a folder")
+    check = commands.add_parser("check", parents=[shared], help="describe a scene; say what is repaired in a file")
+    check.add_argument("path", metavar="SCENE", help="a GLB, OBJ, PLY or STL file, a folder, or a scene's name")
     check.add_argument("--units-per-metre", type=float, default=1.0, metavar="N")
     check.set_defaults(run=_check)
+    gallery = commands.add_parser("gallery", parents=[shared], help="render families on one HTML page or PNG")
+    gallery.add_argument("file", metavar="FILE", type=Path, help="what to write: .html or .png")
+    gallery.add_argument("--families", nargs="+", metavar="NAME", default=list(FAMILIES), help="default: all")
+    gallery.add_argument("--seeds", nargs="+", type=int, default=[1, 2], metavar="N")
+    gallery.set_defaults(run=_gallery)
     walks = commands.add_parser("walks", parents=[shared], help="write walks with true depth, to train on")
     walks.add_argument("folder", metavar="DIR", type=Path, help="folder to write the walks into")
     walks.add_argument("--scenes", nargs="+", required=True, metavar="SCENE", help="names of scenes, or files")
@@ -63,7 +72,12 @@ def _list(_: argparse.Namespace) -> tuple[Any, str]:
     rows = [_described(load_scene(SceneSpec(name=name), SiteSpec())) for name in sorted(BUILT_IN)]
     lines = [f"{'name':<10} {'length x width x height, m':<28} {'object triangles':>16} {'all triangles':>14}"]
     lines += [f"{r['name']:<10} {_size(r):<28} {r['object_triangles']:>16} {r['triangles']:>14}" for r in rows]
-    return {"scenes": rows}, "\n".join(lines)
+    families = [{"name": name, "structure": structure, "split": split,
+                 "parameters": [f.name for f in fields(GENERATORS[name])]}
+                for name, (structure, split) in FAMILIES.items()]
+    lines += ["", f"{'family':<20} {'structure':<10} {'split':<11} name a scene of it {PREFIX}NAME:SEED"]
+    lines += [f"{f['name']:<20} {f['structure']:<10} {f['split']}" for f in families]
+    return {"scenes": rows, "families": families}, "\n".join(lines)
 
 
 def _export(args: argparse.Namespace) -> tuple[Any, str]:
@@ -75,7 +89,8 @@ def _export(args: argparse.Namespace) -> tuple[Any, str]:
 def _check(args: argparse.Namespace) -> tuple[Any, str]:
     if args.units_per_metre <= 0:
         raise UserError("--units-per-metre must be positive; give 1000 for a model in millimetres.")
-    spec = SceneSpec(path=args.path, units_per_metre=args.units_per_metre)
+    named = is_scene_name(args.path)
+    spec = SceneSpec(name=args.path) if named else SceneSpec(path=args.path, units_per_metre=args.units_per_metre)
     found = _described(load_scene(spec, SiteSpec()))
     lines = [f"{found['name']}: {_size(found)} m, {found['parts']} parts, {found['object_triangles']} triangles, "
              f"{found['textured_parts']} parts with their own texture", *(f"- {note}" for note in found["notes"])]
@@ -90,6 +105,22 @@ def _walks(args: argparse.Namespace) -> tuple[Any, str]:
     for name in track(args.scenes, "walking", console=Console(stderr=True)):
         written += write_walks(name, args.folder, max(1, args.walks), args.seed, args.pictures)
     return {"walks": [str(p) for p in written]}, f"{len(written)} walks are in {args.folder}"
+
+
+def _gallery(args: argparse.Namespace) -> tuple[Any, str]:
+    check_suffix(args.file)
+    asked = [parse_family(FamilyScene(name, seed).name) for name in args.families for seed in args.seeds]
+    cards, rows = [], []
+    for drawn in track([a for a in asked if a], "scenes", console=Console(stderr=True), disable=args.json):
+        scene = load_scene(SceneSpec(name=drawn.name), SiteSpec())
+        row, parameters = _described(scene), asdict(member(drawn))
+        structure, split = FAMILIES[drawn.family]
+        facts = f"{_size(row)} m, {row['object_triangles']} triangles; " + ", ".join(
+            f"{key} {value}" for key, value in parameters.items())
+        cards.append(Card(f"{structure}, {split}", drawn.name, facts, portraits(scene)))
+        rows.append({**row, "parameters": parameters})
+    write_gallery(args.file, cards)
+    return {"file": str(args.file), "scenes": rows}, f"{len(cards)} scenes are in {args.file}"
 
 
 def _described(scene: Scene) -> dict[str, Any]:

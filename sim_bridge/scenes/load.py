@@ -61,9 +61,9 @@ def _named(spec: SceneSpec) -> Imported:
 
 
 def _seed(spec: SceneSpec) -> int:
-    """What the surroundings are drawn from: the seed in a family's name, else the mission's."""
+    """What the surroundings are drawn from: the whole name of a family's scene, else the mission's seed."""
     drawn = None if spec.path else parse_family(spec.name)
-    return spec.seed if drawn is None else drawn.seed
+    return spec.seed if drawn is None else zlib.crc32(drawn.name.encode())
 
 
 def _site_bounds(site: SiteSpec) -> Box | None:

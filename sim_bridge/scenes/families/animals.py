@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of
+from sim_bridge.scenes.families.draw import Family, between, one_of
 from sim_bridge.scenes.families.likeness import Shape, plinth
 from sim_bridge.scenes.families.people import Person
 from sim_bridge.scenes.implicit import Limb, round_cone
@@ -70,7 +70,7 @@ def horse(beast: Beast, lift: tuple[float, float, float, float], nod: float) -> 
 
 
 @dataclass(frozen=True)
-class Quadruped(Drawn):
+class Quadruped(Family):
     """A standing lion, bull, horse or elephant on a plinth."""
 
     animal: str = one_of("lion", "bull", "horse", "elephant")
@@ -143,7 +143,7 @@ class Quadruped(Drawn):
 
 
 @dataclass(frozen=True)
-class EquestrianStatue(Drawn):
+class EquestrianStatue(Family):
     """A rider on a walking or rearing horse, on a high plinth."""
 
     size_m: float = between(4.5, 7.5)

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.decks import SIDES, Deck, abutment, edges, lay_deck, parapets, plate_girders
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.shapes import bar, frustum, ribbon, rod
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ArchBridge(Drawn):
+class ArchBridge(Family):
     """The road on top of the arches: concrete ribs with columns, or a row of masonry arches with filled spandrels."""
 
     kind: str = one_of("ribs", "masonry")
@@ -101,7 +101,7 @@ class ArchBridge(Drawn):
 
 
 @dataclass(frozen=True)
-class TiedArchBridge(Drawn):
+class TiedArchBridge(Family):
     """Two steel arches over the road, tied by the deck, with upright or crossing hangers."""
 
     length_m: float = between(46.0, 62.0)

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.decks import SIDES, Deck, abutment, edges, lay_deck, pier, plate_girders, railings
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.shapes import bar, raised
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GirderBridge(Drawn):
+class GirderBridge(Family):
     """Steel plate girders under a concrete deck, on concrete piers."""
 
     spans: int = whole(2, 4)
@@ -43,7 +43,7 @@ class GirderBridge(Drawn):
 
 
 @dataclass(frozen=True)
-class TrussBridge(Drawn):
+class TrussBridge(Family):
     """Two steel trusses with the road between them, braced overhead, in one or two spans."""
 
     spans: int = whole(1, 2)
@@ -97,8 +97,11 @@ class TrussBridge(Drawn):
     def _plane(self, body: Body, bottom: Array, top: Array) -> None:
         """Chords, posts and diagonals of one truss through its panel points (n, 3)."""
         n = len(bottom) - 1
-        body.add_all("paint", (bar(a, b, 0.32, 0.42) for a, b in pairwise(bottom)))
-        body.add_all("paint", (bar(a, b, 0.32, 0.36) for a, b in pairwise(top[1:-1])))
+        body.add("paint", bar(bottom[0], bottom[n], 0.32, 0.42))
+        if self.chord == "flat":
+            body.add("paint", bar(top[1], top[n - 1], 0.32, 0.36))
+        else:
+            body.add_all("paint", (bar(a, b, 0.32, 0.36) for a, b in pairwise(top[1:-1])))
         body.add("paint", bar(bottom[0], top[1], 0.32, 0.36), bar(bottom[n], top[n - 1], 0.32, 0.36))
         across = (0.0, 1.0, 0.0)
         for i in range(1, n):
@@ -114,7 +117,7 @@ class TrussBridge(Drawn):
 
 
 @dataclass(frozen=True)
-class TrestleViaduct(Drawn):
+class TrestleViaduct(Family):
     """A railway on plate girders over tapering steel bents."""
 
     length_m: float = between(46.0, 62.0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, glaze, opening, raise_mass
 from sim_bridge.scenes.families.roofs import gable_roof
 from sim_bridge.scenes.families.shapes import ball, bar, collar, drum, footing, pipe, raised, rod
@@ -18,7 +18,7 @@ SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class GasSpheres(Drawn):
+class GasSpheres(Family):
     """Spherical tanks on braced legs with stairs and pipes."""
 
     spheres: int = whole(2, 4)
@@ -75,7 +75,7 @@ class GasSpheres(Drawn):
 
 
 @dataclass(frozen=True)
-class SiloBattery(Drawn):
+class SiloBattery(Family):
     """Rows of concrete or corrugated silos with a gallery on top, a head house and a loading shed."""
 
     columns: int = whole(3, 5)
@@ -125,7 +125,7 @@ class SiloBattery(Drawn):
 
 
 @dataclass(frozen=True)
-class ConveyorWorks(Drawn):
+class ConveyorWorks(Family):
     """Crusher and screen towers joined by inclined conveyor galleries on trestles, with hoppers and heaps."""
 
     towers: int = whole(2, 3)

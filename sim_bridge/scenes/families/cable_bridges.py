@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.decks import SIDES, Deck, abutment, edges, lay_deck, plate_girders, railings
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.shapes import bar, frustum, loft, rectangle_ring, rod
 from sim_bridge.scenes.solids import Solid, tube
 
@@ -19,7 +19,7 @@ Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class CableStayedBridge(Drawn):
+class CableStayedBridge(Family):
     """Straight stays from one or two pylons to the deck's edges."""
 
     length_m: float = between(52.0, 68.0)
@@ -92,7 +92,7 @@ class CableStayedBridge(Drawn):
 
 
 @dataclass(frozen=True)
-class SuspensionBridge(Drawn):
+class SuspensionBridge(Family):
     """Parabolic cables over two towers, with hangers to the deck and anchor blocks at the ends."""
 
     length_m: float = between(54.0, 68.0)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import field, fields
-from typing import Any, Protocol, Self
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 
@@ -13,24 +14,18 @@ from sim_bridge.scenes.families.body import Body
 DRAW = "draw"
 
 
-class Family(Protocol):
+@dataclass(frozen=True)
+class Family(ABC):
     """A kind of structure; the fields of the dataclass are its parameters."""
 
+    @abstractmethod
     def build(self, rng: np.random.Generator) -> Body:
         """The structure, along x, standing on z = 0. rng gives what is irregular within one structure."""
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Self:
         """One member of the family with parameters drawn in the order of the fields."""
-
-
-class Drawn:
-    """Base of the families: draws every field as its declaration says."""
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Self:
-        """One member of the family with parameters drawn in the order of the fields."""
-        return cls(**{f.name: f.metadata[DRAW](rng) for f in fields(cls)})  # type: ignore[arg-type]
+        return cls(**{f.name: f.metadata[DRAW](rng) for f in fields(cls)})
 
 
 def between(low: float, high: float) -> Any:

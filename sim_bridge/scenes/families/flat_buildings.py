@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, glaze, parapet, raise_mass
 from sim_bridge.scenes.families.shapes import drum
 
 
 @dataclass(frozen=True)
-class OfficeBlock(Drawn):
+class OfficeBlock(Family):
     """A slab of offices with a flat roof, plant on it, and an entrance canopy."""
 
     length_m: float = between(26.0, 44.0)
@@ -64,7 +64,7 @@ class OfficeBlock(Drawn):
 
 
 @dataclass(frozen=True)
-class CourtyardBuilding(Drawn):
+class CourtyardBuilding(Family):
     """Four wings around a courtyard, with a gateway through the southern one."""
 
     length_m: float = between(28.0, 40.0)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of
+from sim_bridge.scenes.families.draw import Family, between, one_of
 from sim_bridge.scenes.families.likeness import Shape, plinth
 from sim_bridge.scenes.implicit import Limb, round_cone
 
@@ -16,7 +16,7 @@ SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Bust(Drawn):
+class Bust(Family):
     """A head on shoulders that narrow to a socle, with hair, beard and headgear, on a tall plinth."""
 
     size_m: float = between(5.0, 9.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, glaze, parapet, raise_mass
 from sim_bridge.scenes.families.shapes import drum, rod
 
@@ -15,7 +15,7 @@ SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class TowerBlock(Drawn):
+class TowerBlock(Family):
     """A block of flats with columns of balconies, a stair core and a lift house."""
 
     length_m: float = between(15.0, 22.0)
@@ -79,7 +79,7 @@ class TowerBlock(Drawn):
 
 
 @dataclass(frozen=True)
-class SetbackTower(Drawn):
+class SetbackTower(Family):
     """A tower of tiers that step back, with piers between tall windows and a crown."""
 
     base_m: float = between(17.0, 24.0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.shapes import footing, rectangle_ring, rod
 from sim_bridge.scenes.families.wires import CONDUCTOR_RADIUS_M, insulator, lattice, string_wires
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LatticeLine(Drawn):
+class LatticeLine(Family):
     """Square lattice pylons with cross-arms for one or two circuits."""
 
     length_m: float = between(50.0, 62.0)
@@ -87,10 +87,10 @@ class LatticeLine(Drawn):
 
 
 @dataclass(frozen=True)
-class GuyedVLine(Drawn):
+class GuyedVLine(Family):
     """Guyed V-towers: two slender masts that meet at the foot, a beam over them, four guys."""
 
-    length_m: float = between(50.0, 60.0)
+    length_m: float = between(42.0, 54.0)
     """Between the first and the last tower."""
     towers: int = whole(2, 3)
     height_m: float = between(18.0, 27.0)
@@ -144,7 +144,7 @@ class GuyedVLine(Drawn):
 
 
 @dataclass(frozen=True)
-class CatHeadLine(Drawn):
+class CatHeadLine(Family):
     """Lattice pylons whose trunk opens into two horns that carry a beam, with the middle phase in the window."""
 
     length_m: float = between(50.0, 60.0)

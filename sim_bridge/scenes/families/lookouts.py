@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, glaze, raise_mass
 from sim_bridge.scenes.families.galleries import gallery
 from sim_bridge.scenes.families.roofs import gable_roof, hip_roof
@@ -16,7 +16,7 @@ from sim_bridge.scenes.families.shapes import bar, collar, drum, raised, rod
 
 
 @dataclass(frozen=True)
-class ObservationTower(Drawn):
+class ObservationTower(Family):
     """A concrete shaft with one or two pods and an aerial."""
 
     height_m: float = between(26.0, 38.0)
@@ -66,7 +66,7 @@ class ObservationTower(Drawn):
 
 
 @dataclass(frozen=True)
-class Lighthouse(Drawn):
+class Lighthouse(Family):
     """A round or octagonal tower with a gallery and a lantern, and the keeper's house at its foot."""
 
     height_m: float = between(16.0, 30.0)

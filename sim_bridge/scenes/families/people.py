@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of
+from sim_bridge.scenes.families.draw import Family, between, one_of
 from sim_bridge.scenes.families.likeness import Shape, plinth
 from sim_bridge.scenes.implicit import Limb, round_cone
 
@@ -71,7 +71,7 @@ class Person:
 
 
 @dataclass(frozen=True)
-class StandingFigure(Drawn):
+class StandingFigure(Family):
     """A standing person in a robe, a coat or bare, with an arm raised, outstretched, akimbo or holding something."""
 
     size_m: float = between(8.0, 16.0)
@@ -138,7 +138,7 @@ class StandingFigure(Drawn):
 
 
 @dataclass(frozen=True)
-class SeatedFigure(Drawn):
+class SeatedFigure(Family):
     """A seated person on a throne or a block, robed or bare-legged, on a plinth."""
 
     size_m: float = between(9.0, 16.0)

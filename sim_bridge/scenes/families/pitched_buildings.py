@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, glaze, opening, raise_mass
 from sim_bridge.scenes.families.roofs import gable_roof, hip_roof
 from sim_bridge.scenes.families.shapes import drum, loft, rectangle_ring
@@ -16,7 +16,7 @@ SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class GabledHouse(Drawn):
+class GabledHouse(Family):
     """A house or hall under a gable or hip roof, with chimneys, dormers and perhaps a cross wing."""
 
     length_m: float = between(15.0, 28.0)
@@ -76,7 +76,7 @@ class GabledHouse(Drawn):
 
 
 @dataclass(frozen=True)
-class TerracedRow(Drawn):
+class TerracedRow(Family):
     """A row of narrow houses of differing widths, heights, walls and gables."""
 
     houses: int = whole(5, 8)
@@ -132,7 +132,7 @@ class TerracedRow(Drawn):
 
 
 @dataclass(frozen=True)
-class Church(Drawn):
+class Church(Family):
     """A nave with buttresses and tall windows, an apse, and a tower with a spire."""
 
     nave_m: float = between(18.0, 28.0)

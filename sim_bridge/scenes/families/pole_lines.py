@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.shapes import bar, collar, drum, footing, frustum, rod
 from sim_bridge.scenes.families.wires import insulator, string_wires
 from sim_bridge.scenes.solids import box
@@ -16,7 +16,7 @@ SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class TubularLine(Drawn):
+class TubularLine(Family):
     """Tapering steel tubes with tubular cross-arms for one or two circuits."""
 
     length_m: float = between(50.0, 64.0)
@@ -73,7 +73,7 @@ class TubularLine(Drawn):
 
 
 @dataclass(frozen=True)
-class HFrameLine(Drawn):
+class HFrameLine(Family):
     """Wooden double poles with a cross-arm and crossed bracing."""
 
     length_m: float = between(48.0, 64.0)
@@ -120,7 +120,7 @@ class HFrameLine(Drawn):
 
 
 @dataclass(frozen=True)
-class ConcretePoleLine(Drawn):
+class ConcretePoleLine(Family):
     """Tapering concrete poles with pin insulators, street lamps, and a transformer on one of them."""
 
     length_m: float = between(48.0, 64.0)

@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.galleries import gallery, ladder
 from sim_bridge.scenes.families.shapes import ball, bar, collar, drum, rod, turned_profile
 
 
 @dataclass(frozen=True)
-class Chimney(Drawn):
+class Chimney(Family):
     """A tapering stack with bands, ladder and working platforms, on a base with a flue."""
 
     height_m: float = between(26.0, 42.0)
@@ -60,7 +60,7 @@ class Chimney(Drawn):
 
 
 @dataclass(frozen=True)
-class WaterTower(Drawn):
+class WaterTower(Family):
     """A tank on braced legs around a riser, or on one concrete shaft."""
 
     height_m: float = between(22.0, 36.0)
@@ -117,7 +117,7 @@ class WaterTower(Drawn):
 
 
 @dataclass(frozen=True)
-class CoolingTower(Drawn):
+class CoolingTower(Family):
     """A hyperboloid shell of concrete on crossed columns."""
 
     height_m: float = between(26.0, 38.0)

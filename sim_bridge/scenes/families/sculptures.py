@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.likeness import Shape, plinth
 from sim_bridge.scenes.implicit import round_cone
 
 
 @dataclass(frozen=True)
-class KnotSculpture(Drawn):
+class KnotSculpture(Family):
     """A torus knot of swelling thickness, standing on a plinth."""
 
     height_m: float = between(10.0, 18.0)
@@ -52,11 +52,11 @@ class KnotSculpture(Drawn):
 
 
 @dataclass(frozen=True)
-class PebbleTotem(Drawn):
+class PebbleTotem(Family):
     """Flattened pebbles piled askew, melted into each other more or less, some with rings around them."""
 
-    pebbles: int = whole(4, 8)
-    size_m: float = between(2.2, 3.6)
+    pebbles: int = whole(5, 9)
+    size_m: float = between(2.6, 4.0)
     """Radius of the lowest pebble."""
     shrink: float = between(0.8, 0.95)
     flat: float = between(0.4, 0.65)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, opening, raise_mass
 from sim_bridge.scenes.families.roofs import hip_roof
 from sim_bridge.scenes.families.shapes import bar, drum, footing, raised, rectangle_ring, rod, vessel
@@ -17,7 +17,7 @@ SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class LatticeMast(Drawn):
+class LatticeMast(Family):
     """A free-standing lattice tower with platforms, dishes and antennas."""
 
     height_m: float = between(26.0, 40.0)
@@ -75,7 +75,7 @@ class LatticeMast(Drawn):
 
 
 @dataclass(frozen=True)
-class ClockTower(Drawn):
+class ClockTower(Family):
     """A square masonry tower with a belfry, clock faces and a pointed or crenellated top."""
 
     height_m: float = between(20.0, 34.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.shapes import bar, drum, footing, rectangle_ring, rod, vessel
 from sim_bridge.scenes.families.wires import insulator, lattice, string_wires
 from sim_bridge.scenes.solids import Solid
@@ -16,7 +16,7 @@ PHASES = (-1.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class SubstationGantry(Drawn):
+class SubstationGantry(Family):
     """Gantries with strung conductors over rows of breakers, isolators and busbars, and a transformer at the end."""
 
     bays: int = whole(2, 3)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.racks import Rack, raise_rack
 from sim_bridge.scenes.families.shapes import bar, collar, drum, pipe, raised, rod, vessel
 from sim_bridge.scenes.solids import box
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class TankFarm(Drawn):
+class TankFarm(Family):
     """Upright storage tanks in a bund, joined by pipes, with spiral stairs."""
 
     tanks: int = whole(3, 5)
@@ -73,7 +73,7 @@ class TankFarm(Drawn):
 
 
 @dataclass(frozen=True)
-class RefineryColumns(Drawn):
+class RefineryColumns(Family):
     """Distillation columns with platforms and ladders, exchangers and a pipe rack."""
 
     columns: int = whole(3, 5)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_bridge.scenes.families.body import Body
-from sim_bridge.scenes.families.draw import Drawn, between, one_of, whole
+from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, glaze, opening, parapet, raise_mass
 from sim_bridge.scenes.families.galleries import gallery, ladder
 from sim_bridge.scenes.families.racks import Rack, raise_rack
@@ -16,7 +16,7 @@ from sim_bridge.scenes.families.shapes import bar, collar, drum, pipe, rod, vess
 
 
 @dataclass(frozen=True)
-class PipeRack(Drawn):
+class PipeRack(Family):
     """A long pipe rack with fans on top, horizontal vessels and pumps on one side, and upright drums on the other."""
 
     length_m: float = between(36.0, 56.0)
@@ -86,7 +86,7 @@ class PipeRack(Drawn):
 
 
 @dataclass(frozen=True)
-class BoilerHouse(Drawn):
+class BoilerHouse(Family):
     """A boiler hall with steel stacks, flue ducts, a fuel silo and a side building."""
 
     length_m: float = between(20.0, 32.0)
