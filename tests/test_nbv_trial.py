@@ -339,3 +339,12 @@ def test_a_campaign_that_was_broken_off_repeats_nothing(tmp_path: Path, capsys: 
     rows.write_text("{}\n")
     with pytest.raises(UserError, match="not rows"):
         main([*scene, *words])
+
+
+def test_a_scene_without_room_for_the_lattice_or_the_starts_is_refused() -> None:
+    with pytest.raises(UserError, match="no 5000 positions are free"):
+        cube_arena(msgspec.structs.replace(RULES, positions=5000))
+    with pytest.raises(UserError, match="not enough views"):
+        arena().starts(10**6, 1)
+    with pytest.raises(UserError, match="not enough views"):
+        arena().starts(0, 1000)
