@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from missions.camera import Pose
 from perception.depth import torch_volume
-from perception.depth.confidence import FEATURES, TRUSTED, features, fitted, log_odds
+from perception.depth.confidence import FEATURES, features, fitted, log_odds, trusted
 from perception.depth.cost_volume import cost_volume
 from perception.depth.depth_map import DepthMap
 from perception.depth.filling import filled
@@ -183,9 +183,9 @@ def test_a_ghost_that_others_see_through_is_not_trusted() -> None:
     ghost = replace(maps[0], depth_m=np.full_like(maps[0].depth_m, 4.0))
     voted, true = (consensus(own, grays[0], maps[1:], grays[1:]) for own in (ghost, maps[0]))
     seen_through = (np.abs(voted.depth_m - 4.0) < 0.05) & (voted.against >= 2)
-    odds = log_odds(features(ghost, voted, grays[0]))
-    good = log_odds(features(maps[0], true, grays[0]))
-    assert not (odds[seen_through] >= TRUSTED).any()
+    odds = log_odds(features(ghost, voted, grays[0]), voted.depth_m)
+    good = log_odds(features(maps[0], true, grays[0]), true.depth_m)
+    assert not trusted(odds, voted.depth_m)[seen_through].any()
     assert np.median(good[20:-20, 40:-40]) > 2.0
 
 

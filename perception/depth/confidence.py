@@ -1,6 +1,6 @@
-"""How likely a depth is right: a logistic model of what was seen while it was estimated.
+"""How likely a depth is right: logistic models of what was seen while it was estimated.
 
-`swarmscan bench depth --fit` fits WEIGHTS on given scenes; these are of the families of split "train", seed 1.
+`swarmscan bench depth --fit` fits the weights on given scenes; these are of the families of split "train", seed 1.
 """
 
 from __future__ import annotations
@@ -9,29 +9,32 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.depth.depth_map import DepthMap, Image
+from perception.depth.depth_map import DepthMap, Image, Mask
 from perception.depth.fusion import Consensus
 
 RIGHT = 0.05
 """The relative error below which a depth counts as right."""
+FAR_M = 33.0
+"""What lies farther is all the same: any depth beyond it counts as right there. Such answers have a model of their own,
+for most of them are sky, and a thing before the sky that went unseen is the worst mistake that a map can make."""
 FEATURES = ("constant", "agree", "against", "support", "own, passed", "own, not passed", "match", "edge", "sigma",
-            "alone", "nearness", "far", "thread", "far thread")
-WEIGHTS = np.array([1.246, 2.083, -1.368, -1.465, 0.607, 0.356, 0.45, -2.82, 1.154, -1.245, -0.514, 4.601, 0.211,
-                    -1.966], np.float32)
-TRUSTED = 0.4
-"""Least log odds of a pixel that is answered: a confidence of 0.6."""
-FILLED = (-0.178, 0.144)
+            "alone", "nearness", "thread")
+WEIGHTS_NEAR = np.array([1.253, 1.953, -1.883, -1.277, 0.609, 0.105, 0.141, -2.747, 1.881, -1.174, 0.245, 0.18],
+                        np.float32)
+WEIGHTS_FAR = np.array([4.446, 1.587, 1.025, -1.541, -0.007, 1.149, 2.841, -3.053, 0.429, -2.137, 12.471, -0.749],
+                       np.float32)
+TRUSTED_NEAR, TRUSTED_FAR = 0.4, 5.5
+"""Least log odds of a pixel that is answered: 0.6 within FAR_M, 0.996 beyond."""
+FILLED = (0.571, 0.246)
 """Log odds of a pixel whose depth was filled in: the first, and the second times what they were before."""
 LOG_COUNT = np.round(np.log1p(np.arange(256)), 4).astype(np.float32)
 """Rounded, so that it is the same on every machine."""
-FAR_M = 33.0
-"""What lies farther is all the same: any depth beyond it counts as right there."""
 SAME = 0.05
 """Share of depth within which the vote has left a picture's own estimate as it was."""
 
 
 def features(depth: DepthMap, vote: Consensus, gray: Image) -> NDArray[np.float32]:
-    """(14, h, w) in the order of FEATURES, of the depth that a vote has made of a picture's own estimate.
+    """(12, h, w) in the order of FEATURES, of the depth that a vote has made of a picture's own estimate.
 
     agree, against and support are ln(1 + count); match is what the plane sweep's costs say of its own estimate; edge
     grows to 1 with the relative spread of inverse depth in 3 x 3 pixels; sigma is ten times the relative deviation;
@@ -42,20 +45,27 @@ def features(depth: DepthMap, vote: Consensus, gray: Image) -> NDArray[np.float3
     window = np.ones((3, 3), np.uint8)
     spread = 10.0 * (cv2.dilate(near, window) - cv2.erode(near, window)) / near
     thread = np.minimum(np.abs(gray - cv2.medianBlur(gray, 5)) / 10.0, 3.0)
-    far = vote.depth_m > FAR_M
     rows = [np.ones_like(near), LOG_COUNT[vote.agree], LOG_COUNT[vote.against], LOG_COUNT[vote.support],
             depth.valid & own, ~depth.valid & own, depth.confidence * own, spread / (1.0 + spread),
             10.0 * np.minimum(depth.sigma_per_depth2 * vote.depth_m, 0.3), vote.agree == 0, np.minimum(near, 0.6),
-            far, thread, thread * far]
+            thread]
     return np.stack(rows).astype(np.float32)
 
 
-def log_odds(evidence: NDArray[np.float32]) -> Image:
-    """(h, w) of the relative error being below RIGHT, from features (14, h, w); summed in order, alike everywhere."""
-    total: Image = np.zeros(evidence.shape[1:], np.float32)
-    for weight, row in zip(WEIGHTS, evidence, strict=True):
-        total += weight * row
-    return total
+def log_odds(evidence: NDArray[np.float32], depth_m: Image) -> Image:
+    """(h, w) of the relative error being below RIGHT, from features (12, h, w); summed in order, alike everywhere."""
+    near, far = np.zeros_like(depth_m), np.zeros_like(depth_m)
+    for near_weight, far_weight, row in zip(WEIGHTS_NEAR, WEIGHTS_FAR, evidence, strict=True):
+        near += near_weight * row
+        far += far_weight * row
+    result: Image = np.where(depth_m > FAR_M, far, near)
+    return result
+
+
+def trusted(odds: Image, depth_m: Image) -> Mask:
+    """(h, w) pixels to be answered, from log odds."""
+    result: Mask = odds >= np.where(depth_m > FAR_M, np.float32(TRUSTED_FAR), np.float32(TRUSTED_NEAR))
+    return result
 
 
 def probability(odds: Image) -> Image:

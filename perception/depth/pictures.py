@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
-from perception.depth.confidence import FILLED, TRUSTED, features, log_odds, probability
+from perception.depth.confidence import FILLED, features, log_odds, probability, trusted
 from perception.depth.depth_map import DepthMap, Image
 from perception.depth.filling import filled
 from perception.depth.fusion import Consensus, consensus
@@ -95,11 +95,11 @@ class PictureDepths:
         """A picture's depth map checked against those of its neighbours."""
         depth, vote = self._vote(index)
         gray = self._pictures[index].frame.gray
-        odds = log_odds(features(depth, vote, gray))
-        trusted = odds >= TRUSTED
-        guess = filled(vote.depth_m, trusted & ~depth.sky, gray)
-        odds = np.where(trusted, odds, FILLED[0] + FILLED[1] * odds)
-        return replace(depth, depth_m=guess, valid=trusted & ~depth.sky, confidence=probability(odds))
+        odds = log_odds(features(depth, vote, gray), vote.depth_m)
+        good = trusted(odds, vote.depth_m)
+        guess = filled(vote.depth_m, good & ~depth.sky, gray)
+        odds = np.where(good, odds, FILLED[0] + FILLED[1] * odds)
+        return replace(depth, depth_m=guess, valid=good & ~depth.sky, confidence=probability(odds))
 
     def evidence(self, index: int) -> tuple[Image, NDArray[np.float32]]:
         """For a picture that has been estimated: (h, w) depth as the vote has it by now, and (features, h, w) what its
