@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ground_station.launcher import prepare
 from missions.camera import Camera
@@ -38,8 +40,9 @@ def built_body(name: str, seed: int) -> Body:
     return member(FamilyScene(name, seed)).build(np.random.default_rng(seed))
 
 
-def assert_closed(vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Every edge is run through as often in one direction as in the other, and no face lies on another one."""
+def assert_solid(vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Every edge is run through as often in one direction as in the other, no face lies on another one, and whatever
+    hangs together encloses a positive volume."""
     _, place = np.unique(np.floor(vertices / 1e-5 + 0.37).astype(np.int64), axis=0, return_inverse=True)
     corners = place.ravel()[faces].astype(np.int64)
     start, end = (np.concatenate([np.roll(corners, -k, axis=1)[:, 0] for k in (i, i + 1, i + 2)]) for i in (0, 1))
@@ -47,6 +50,11 @@ def assert_closed(vertices: np.ndarray, faces: np.ndarray) -> None:
     np.testing.assert_array_equal(np.sort(start * count + end), np.sort(end * count + start))
     a, b, c = np.sort(corners, axis=1).T
     assert len(np.unique((a * count + b) * count + c)) == len(faces)
+    _, body = connected_components(coo_array((np.ones(len(start)), (start, end)), shape=(count, count)))
+    middle = vertices.mean(axis=0)
+    p, q, r = (vertices[faces[:, i]] - middle for i in range(3))
+    volume = np.bincount(body[corners[:, 0]], (p * np.cross(q, r)).sum(axis=1))
+    assert (volume[np.unique(body[corners[:, 0]])] > 0).all()
 
 
 @pytest.mark.parametrize(("name", "seed"), list(itertools.product(FAMILIES, SEEDS)))
@@ -58,7 +66,7 @@ def test_object_is_closed_and_stands_on_the_ground(name: str, seed: int) -> None
     assert (hi - lo)[:2].max() < LARGEST_M
     assert 6.0 < hi[2] < TALLEST_M
     assert 2_000 < len(built.faces) < 230_000
-    assert_closed(built.vertices_m, built.faces)
+    assert_solid(built.vertices_m, built.faces)
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
@@ -179,7 +187,7 @@ def test_blocks_keep_only_faces_to_the_air() -> None:
     blocks.cut((1, 1, 1), (3, 3, 3))
     solids = blocks.solids()
     both = joined(solids.values())
-    assert_closed(both.vertices_m, both.faces)
+    assert_solid(both.vertices_m, both.faces)
     corners = both.vertices_m[both.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (corners[:, 0] * normal).sum() / 6 == pytest.approx(12.0 - 2.0)

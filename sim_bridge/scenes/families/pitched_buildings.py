@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,8 +27,8 @@ class GabledHouse(Family):
     pitch: float = between(0.6, 1.1)
     """Rise of the roof over half its width."""
     wall: str = one_of("brick", "plaster", "stone")
-    wing_m: float = between(0.0, 7.0)
-    """How far a cross wing reaches to the south; less than 3 m is none."""
+    wing_m: float = one_of(0.0, 3.5, 5.0, 6.5)
+    """How far a cross wing reaches to the south."""
     chimneys: int = whole(1, 3)
     dormers: int = whole(0, 4)
     """On each side."""
@@ -39,16 +39,15 @@ class GabledHouse(Family):
         x, y = self.length_m / 2, self.width_m / 2
         mass = Mass(-x, -y, x, y, 0.0, 0.4 + self.storeys * self.storey_m)
         wing = Mass(-0.55 * x, -y - self.wing_m, -0.55 * x + 0.75 * self.width_m, 0.0, 0.0, mass.z1)
-        masses = [mass, wing] if self.wing_m >= 3.0 else [mass]
         style = Windows(2.8, 1.2, self.storey_m - 1.7, 1.2, surround="stone")
-        for m in masses:
-            raise_mass(body, m, self.wall)
-            band(body, m, "stone", 0.0, 0.45, 0.08)
+        raise_mass(body, mass, self.wall)
         glaze(body, mass, self.storey_m, style)
-        if len(masses) == 2:
-            raise_mass(body, replace(wing, y1=-y), self.wall)
+        if self.wing_m:
+            raise_mass(body, wing, self.wall)
+            band(body, wing, "stone", 0.0, 0.45, 0.08)
             glaze(body, wing, self.storey_m, style, "-y")
-            gable_roof(body, replace(wing, y1=0.0), self.pitch * 0.375 * self.width_m, along="y", wall=self.wall)
+            gable_roof(body, wing, self.pitch * 0.375 * self.width_m, along="y", wall=self.wall)
+        band(body, mass, "stone", 0.0, 0.45, 0.08)
         rise = self.pitch * y
         if self.roof == "hip":
             hip_roof(body, mass, rise)

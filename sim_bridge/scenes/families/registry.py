@@ -1,7 +1,23 @@
-"""The families by name; which structure class and split each belongs to is in missions/scene_names.py.
+"""The families by name. Structure class and split of each are the table in missions/scene_names.py:
 
-| class     | train                    | validation | test                  |
-|-----------|--------------------------|------------|-----------------------|
+bridge     train       girder_bridge, truss_bridge, suspension_bridge
+           validation  tied_arch_bridge, trestle_viaduct
+           test        cable_stayed_bridge, arch_bridge
+building   train       office_block, gabled_house, tower_block
+           validation  setback_tower, terraced_row
+           test        courtyard_building, church
+tower      train       chimney, lattice_mast, clock_tower
+           validation  cooling_tower, observation_tower
+           test        water_tower, lighthouse
+powerline  train       lattice_line, tubular_line, h_frame_line
+           validation  cat_head_line, concrete_pole_line
+           test        guyed_v_line, substation_gantry
+statue     train       knot_sculpture, standing_figure, bust
+           validation  quadruped, pebble_totem
+           test        seated_figure, equestrian_statue
+plant      train       tank_farm, pipe_rack, boiler_house
+           validation  gas_spheres, silo_battery
+           test        refinery_columns, conveyor_works
 """
 
 from __future__ import annotations

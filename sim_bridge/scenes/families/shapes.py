@@ -147,7 +147,7 @@ def ribbon(lower: ArrayLike, upper: ArrayLike, y0: float, y1: float) -> Solid:
         return np.stack([line[:, 0], np.full(len(line), y), line[:, 1]], axis=1)
 
     rings = np.stack([lifted(low, y0), lifted(low, y1), lifted(high, y1), lifted(high, y0)], axis=1)
-    return loft(rings[:, ::-1])
+    return loft(rings)
 
 
 def footing(x: float, y: float, half: float, height: float) -> Solid:
