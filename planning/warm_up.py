@@ -102,7 +102,9 @@ def _plan_ahead(grid: VoxelGrid) -> None:
     occupied = (grid.state == OCCUPIED).astype(np.float32)
     yaw, elevation = lattice.yaw_elevation_rad.T
     orientations = Orientations.of(yaw, elevation, Camera.from_diagonal_fov(64, 48, 90.0))
-    seen = sights(ImaginedMap(np.zeros(3), 1.0, occupied, occupied), lattice.positions_enu_m, orientations, 9.0)
+    imagined = ImaginedMap.new(np.zeros(3), 1.0, occupied, (slice(None),) * 3)
+    imagined.show(lattice.pose((0, 0, 0, 0, 0)), Camera.from_diagonal_fov(64, 48, 90.0), 9.0)
+    seen = sights(imagined, lattice.positions_enu_m, orientations, 9.0)
     left, passable, spec = seen.left_after(0, 0, seen.nothing_shown), np.ones(lattice.steps.shape), HorizonSpec(depth=2)
     promised = promises(seen, left, lattice.steps, passable, spec)
     best_way(seen, left, lattice.steps, passable, 0, lattice.steps[0][lattice.steps[0] >= 0].tolist(), promised, spec)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from missions.camera import Camera
+from missions.camera import Camera, Pose
 from missions.pose_lattice import PoseLattice
 from planning.nbv.horizon import HorizonSpec, best_way, promises
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
@@ -23,15 +23,14 @@ RANGE_M = 10.0
 def imagined(occupancy: float = 1.0, seed: int | None = None) -> ImaginedMap:
     """Half-metre voxels over the lattice; a wall at x = 8 m, or where a seed says."""
     shape = (26, 26, 10)
-    occupied, novel = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    occupied = np.zeros(shape, np.float32)
     if seed is None:
-        occupied[18, :, :], novel[18, :, :] = occupancy, 1.0
+        occupied[18, :, :] = occupancy
     else:
         rng = np.random.default_rng(seed)
         some = rng.random(shape) < 0.1
         occupied[some] = rng.random(int(some.sum()))
-        novel[some] = rng.random(int(some.sum()))
-    return ImaginedMap(np.array([-0.5, -0.5, -0.5]), 0.5, occupied, novel)
+    return ImaginedMap.new(np.array([-0.5, -0.5, -0.5]), 0.5, occupied, (slice(None),) * 3)
 
 
 def seen(world: ImaginedMap) -> Sights:
@@ -59,7 +58,23 @@ def test_what_is_certain_is_shown_once_and_what_may_not_be_there_half() -> None:
         once = s.left_after(*view, s.nothing_shown)
         assert s.gains_after(once)[view] <= (1.0 - chance) * 0.2 * s.gains_m2[view] + 1e-6
         certain = float(seen(imagined()).gains_m2[view])
-        assert chance * certain - 1e-3 <= s.gains_m2[view] <= certain + 1e-3
+        assert chance * certain - 1e-3 <= s.gains_m2[view] <= 1.2 * certain
+
+
+def test_a_wall_seen_from_one_side_is_new_from_the_other() -> None:
+    world, middle = imagined(), (slice(17, 20), slice(8, 18), slice(2, 8))
+    before = world.unseen[middle].copy()
+    world.show(Pose((5.0, 6.0, 2.0), 0.0, 0.0), CAMERA, RANGE_M)
+    shown_faces = before & ~world.unseen[middle]
+    assert set(np.unique(shown_faces)) <= {0, 1}
+    assert (shown_faces[1] == 1).mean() > 0.9
+    yaw, elevation = LATTICE.yaw_elevation_rad.T
+    views = Orientations.of(yaw, elevation, CAMERA)
+    places = np.array([[5.0, 6.0, 2.0], [12.0, 6.0, 2.0]])
+    left, right = sights(world, places, views, RANGE_M).gains_m2[[0, 1], [0, 2]]
+    fresh = sights(imagined(), places, views, RANGE_M).gains_m2[[0, 1], [0, 2]]
+    assert left < 0.25 * fresh[0]
+    assert right == pytest.approx(fresh[1])
 
 
 @settings(max_examples=15, deadline=None)

@@ -21,7 +21,6 @@ from missions.grid import FREE, OCCUPIED, UNKNOWN
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import TURNS, Index5
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
-from planning.nbv.rays import mark_rays
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
 
 UNKNOWN_PER_M, FRONTIER_CHANCE, OUTSIDE_PER_M = 0.12, 0.5, 0.02
@@ -31,8 +30,6 @@ MAYBE_OPEN = 0.6
 """How likely a step through unknown space will turn out to be open."""
 BLOCKED = 1e-3
 SHOWN_RAYS_ACROSS = 120
-AFRESH_EVERY = 10
-"""After so many decisions what was shown is cast anew: what later pictures found may have been in the way."""
 STOP_SHARE = 0.01
 """Exploration no longer pays when the best view promises less than this share of the best so far."""
 
@@ -50,24 +47,26 @@ class Swarmscan:
         self._plans: dict[int, list[int]] = {}
         yaw, elevation = self._lattice.yaw_elevation_rad.T
         self._orientations = Orientations.of(yaw, elevation, brief.camera)
-        self._shown = Shown(self._explored, brief)
-        self._decisions = 0
+        self._keys: list[Pose] = []
+        self._coarse = brief.camera.scaled(SHOWN_RAYS_ACROSS, math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px /
+                                                                        brief.camera.width_px))
         self._largest = 0.0
 
     def see(self, frame: Frame) -> None:
         """Takes a picture in."""
         self._explored.see(frame)
         if frame.index is not None:
-            self._shown.poses.append(self._explored.pose(frame.index))
+            self._keys.append(self._explored.pose(frame.index))
 
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
         """The first step of the best way; back to where it came from when none is known to be clear."""
         self._explored.refresh()
         occupancy = imagined_occupancy(self._explored)
-        novelty = self._shown.novelty(occupancy, afresh=self._decisions % AFRESH_EVERY == 0)
-        self._decisions += 1
-        seen = sights(ImaginedMap(self._explored.grid.origin_enu_m, VOXEL, occupancy, novelty),
-                      self._explored.lattice.positions_enu_m, self._orientations, RANGE)
+        imagined = ImaginedMap.new(self._explored.grid.origin_enu_m, VOXEL, occupancy,
+                                   self._explored.inside_object_box())
+        for pose in self._keys:
+            imagined.show(pose, self._coarse, RANGE)
+        seen = sights(imagined, self._explored.lattice.positions_enu_m, self._orientations, RANGE)
         best = float(seen.gains_m2.max())
         self._largest = max(self._largest, best)
         way = self._plan(vehicle, candidates, seen)
@@ -108,34 +107,6 @@ class Swarmscan:
         home = self._came_from[vehicle] // self._lattice.orientations
         back = [n for n in given if n // self._lattice.orientations == home]
         return [n for n in clear if n not in self._visited] or clear or back or given
-
-
-class Shown:
-    """Which voxels the key poses so far have shown, by the map."""
-
-    def __init__(self, explored: Explored, brief: TrialBrief) -> None:
-        self.poses: list[Pose] = []
-        self._explored, self._done = explored, 0
-        self._seen = np.zeros(explored.grid.state.shape, dtype=np.bool_)
-        camera = brief.camera.scaled(SHOWN_RAYS_ACROSS,
-                                     math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px / brief.camera.width_px))
-        rays = camera.rays_camera().reshape(-1, 3)
-        self._rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-
-    def novelty(self, occupancy: NDArray[np.float32], afresh: bool) -> NDArray[np.float32]:
-        """Grid-shaped: 1 in the object's box where no key pose has shown what is there, else 0."""
-        if afresh:
-            self._seen[:], self._done = False, 0
-        label = np.round(occupancy * 255.0).astype(np.uint8)
-        chance = np.arange(256) / 255.0
-        for pose in self.poses[self._done:]:
-            start = (np.array(pose.position_enu_m) - self._explored.grid.origin_enu_m) / VOXEL
-            mark_rays(label, chance, self._seen, start, self._rays @ pose.enu_from_camera.T, RANGE / VOXEL, 0.5)
-        self._done = len(self.poses)
-        novelty = np.zeros(occupancy.shape, dtype=np.float32)
-        box = self._explored.inside_object_box()
-        novelty[box] = ~self._seen[box]
-        return novelty
 
 
 def imagined_occupancy(explored: Explored) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Ray casting through occupancy and novelty, and sums over what the rays met, compiled.
+"""Ray casting through occupancy to faces not seen yet, and sums over what the rays met, compiled.
 
 Each result is written in its own slot and summed in a fixed order: no result depends on the number of threads.
 """
@@ -12,65 +12,112 @@ import numpy as np
 from planning.nbv.rays import box_span, inside, next_voxel, walk
 
 LEAST_ARRIVING = 0.03
+FACES = 6
+LEAST_SHARE = 0.05
+"""A face that makes up less of a voxel's outline is not seen."""
 
 
 @nb.njit(cache=True)
-def _stops(occupancy, novelty, lower, upper, start, direction, reach, cell_voxels, scale, cell, area, arrives, at):
-    """Entries that one ray makes from slot `at` on, one per cell that it may stop in; returns how many.
+def _facing(direction):
+    """The faces of a voxel that a ray in this direction can hit, one per axis (0 and 1 are -x and +x, and so on), and
+    the share of the voxel's outline that each makes up."""
+    x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])
+    total = x + y + z
+    faces = (0 if direction[0] > 0.0 else 1, 2 if direction[1] > 0.0 else 3, 4 if direction[2] > 0.0 else 5)
+    return faces, (x / total, y / total, z / total)
 
-    Nothing is written when the arrays have no room for it (`at` < 0): the entries are only counted. lower, upper (3,):
-    the box outside of which there is no novelty.
+
+@nb.njit(cache=True)
+def _stops(occupancy, faced, unseen, lower, upper, start, direction, reach, cell_voxels, scale, cell, area, arrives,
+           at):
+    """Entries that one ray makes from slot `at` on, one per cell and face that it may stop at; returns how many.
+
+    Nothing is written when the arrays have no room for it (`at` < 0): the entries are only counted. faced, unseen: bits
+    of the faces that voxels have, and that are new; lower, upper (3,): the box outside of which nothing is.
     """
     enter, leave = box_span(start, direction, lower, upper)
     if enter >= leave or enter >= reach:
         return 0
     reach = min(reach, leave)
     voxel, walls, spans, steps = walk(start, direction)
+    faces, shares = _facing(direction)
     sj_cells = (occupancy.shape[1] + cell_voxels - 1) // cell_voxels
     sk_cells = (occupancy.shape[2] + cell_voxels - 1) // cell_voxels
     t, through, n, last = 0.0, 1.0, 0, -1
+    for_face = (-1, -1, -1)
     while t < reach and through > LEAST_ARRIVING:
         if inside(occupancy.shape, voxel):
             p = occupancy[voxel]
             if p > 0.0:
-                worth = novelty[voxel]
-                if worth > 0.0:
+                new = unseen[voxel]
+                if new > 0:
                     i, j, k = voxel
                     c = ((i // cell_voxels) * sj_cells + j // cell_voxels) * sk_cells + k // cell_voxels
                     if c != last:
-                        n, last = n + 1, c
-                        if at >= 0:
-                            cell[at + n - 1], area[at + n - 1], arrives[at + n - 1] = c, 0.0, through
-                    if at >= 0:
-                        d = t + 0.5
-                        area[at + n - 1] += through * p * worth * d * d * scale
+                        last, for_face = c, (-1, -1, -1)
+                    whole = 0.0
+                    for a in range(3):
+                        if (faced[voxel] >> faces[a]) & 1 == 1:
+                            whole += shares[a]
+                    d = t + 0.5
+                    for a in range(3):
+                        if (new >> faces[a]) & 1 == 1 and shares[a] > LEAST_SHARE:
+                            slot = for_face[a]
+                            if slot < 0:
+                                slot, n = n, n + 1
+                                for_face = (slot if a == 0 else for_face[0], slot if a == 1 else for_face[1],
+                                            slot if a == 2 else for_face[2])
+                                if at >= 0:
+                                    cell[at + slot], area[at + slot] = c * FACES + faces[a], 0.0
+                                    arrives[at + slot] = through
+                            if at >= 0:
+                                area[at + slot] += through * p * shares[a] / whole * d * d * scale
                 through *= 1.0 - p
         voxel, t, walls = next_voxel(voxel, walls, spans, steps)
     return n
 
 
 @nb.njit(cache=True, parallel=True)
-def count_stops(occupancy, novelty, lower, upper, starts, directions, reach, cell_voxels):
-    """(p, r) number of cells that each ray may stop in."""
+def count_stops(occupancy, faced, unseen, lower, upper, starts, directions, reach, cell_voxels):
+    """(p, r) number of cells' faces that each ray may stop at."""
     nothing = np.zeros(0, np.int32), np.zeros(0, np.float32)
     count = np.zeros((len(starts), len(directions)), np.int64)
     for p in nb.prange(len(starts)):
         for r in range(len(directions)):
-            count[p, r] = _stops(occupancy, novelty, lower, upper, starts[p], directions[r], reach, cell_voxels, 0.0,
-                                 nothing[0], nothing[1], nothing[1], -1)
+            count[p, r] = _stops(occupancy, faced, unseen, lower, upper, starts[p], directions[r], reach, cell_voxels,
+                                 0.0, nothing[0], nothing[1], nothing[1], -1)
     return count
 
 
 @nb.njit(cache=True, parallel=True)
-def cast_stops(occupancy, novelty, lower, upper, starts, directions, reach, cell_voxels, first, scale):
-    """(cell, area, arrives) of every entry, in the slots that `count_stops` gave."""
+def cast_stops(occupancy, faced, unseen, lower, upper, starts, directions, reach, cell_voxels, first, scale):
+    """(cell's face, area, arrives) of every entry, in the slots that `count_stops` gave."""
     cell = np.zeros(first[-1], np.int32)
     area, arrives = np.zeros(first[-1], np.float32), np.zeros(first[-1], np.float32)
     for p in nb.prange(len(starts)):
         for r in range(len(directions)):
-            _stops(occupancy, novelty, lower, upper, starts[p], directions[r], reach, cell_voxels, scale, cell, area,
-                   arrives, first[p * len(directions) + r])
+            _stops(occupancy, faced, unseen, lower, upper, starts[p], directions[r], reach, cell_voxels, scale, cell,
+                   area, arrives, first[p * len(directions) + r])
     return cell, area, arrives
+
+
+@nb.njit(cache=True)
+def show(occupancy, unseen, start, directions, reach, least):
+    """Take out of `unseen` the faces that rays reach with a probability of at least `least`."""
+    for r in range(len(directions)):
+        voxel, walls, spans, steps = walk(start, directions[r])
+        faces, shares = _facing(directions[r])
+        bits = 0
+        for a in range(3):
+            if shares[a] > LEAST_SHARE:
+                bits |= 1 << faces[a]
+        t, through = 0.0, 1.0
+        while t < reach and through >= least:
+            if inside(occupancy.shape, voxel):
+                if unseen[voxel] > 0:
+                    unseen[voxel] &= ~np.uint8(bits)
+                through *= 1.0 - occupancy[voxel]
+            voxel, t, walls = next_voxel(voxel, walls, spans, steps)
 
 
 @nb.njit(cache=True)

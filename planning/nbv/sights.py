@@ -1,9 +1,10 @@
 """What candidate views would show of a map that is partly imagined, and what is left of it once other views are taken.
 
-Every voxel stops a ray with a probability (its occupancy: known, or imagined where nothing was seen) and is worth
-something when it does (its novelty: 0 once a view that counts has shown it). The expected novelty of a view is what
-its rays stop at on the way through, nearer voxels hiding farther ones: volumetric rendering of novelty with occupancy
-as opacity, the idea of MAGICIAN (Li et al., CVPR 2026), done by ray casting through voxels instead of by Gaussians.
+Every voxel stops a ray with a probability (its occupancy: known, or imagined where nothing was seen), and of its six
+faces those are new that no view which counts has shown: a girder seen from the left is still to be seen from the
+right. The expected new surface of a view is what its rays stop at, nearer voxels hiding farther ones: volumetric
+rendering of novelty with occupancy as opacity, the idea of MAGICIAN (Li et al., CVPR 2026), done by ray casting through
+voxels instead of by Gaussians.
 
 Rays are cast once per position and shared by all of its orientations. What they meet is kept, in cells of a few voxels,
 so that a search can ask what a view adds after others without casting again.
@@ -18,27 +19,52 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.camera import Camera
+from missions.camera import Camera, Pose
 from missions.frames import Array
 from missions.sensors import fibonacci_directions
 from planning.nbv.lattice import in_view
-from planning.nbv.sight_kernels import cast_stops, count_stops, shown, view_sums
+from planning.nbv.sight_kernels import FACES, cast_stops, count_stops, show, shown, view_sums
 
 RAYS = 2048
+SURELY = 0.5
+"""A picture has shown a face when its rays reach it with this probability."""
 CELL_VOXELS = 2
 """Edge of a cell of `Sights`, in voxels: what is shown of a cell, all views share."""
 
 
 @dataclass(frozen=True)
 class ImaginedMap:
-    """Occupancy and novelty of every voxel of a grid; outside of it there is nothing."""
+    """Occupancy of every voxel of a grid, and what of it is new; outside of the grid there is nothing."""
 
     origin_enu_m: Array
     voxel_m: float
     occupancy: NDArray[np.float32]
     """(i, j, k) probability that the voxel stops a ray, 0 where it is known to be free."""
-    novelty: NDArray[np.float32]
-    """(i, j, k) worth of a square metre of it, 0 to 1; 0 wherever nothing is gained."""
+    faced: NDArray[np.uint8]
+    """(i, j, k) bit f is set where the voxel has a face f (-x, +x, -y, +y, -z, +z): the next one is not solid too."""
+    unseen: NDArray[np.uint8]
+    """(i, j, k) likewise, where that face is new; 0 wherever nothing is gained."""
+
+    @classmethod
+    def new(cls, origin_enu_m: Array, voxel_m: float, occupancy: NDArray[np.float32],
+            box: tuple[slice, ...]) -> ImaginedMap:
+        """Nothing was shown yet. A box (of indices) holds all that is of interest; between two voxels that are surely
+        occupied there is no face."""
+        solid = np.pad(occupancy >= 1.0, 1)
+        faced = np.zeros(occupancy.shape, dtype=np.uint8)
+        for face in range(FACES):
+            beside = np.roll(solid, 1 if face % 2 == 0 else -1, axis=face // 2)
+            faced |= np.where(~(solid & beside), np.uint8(1 << face), np.uint8(0))[1:-1, 1:-1, 1:-1]
+        outside = np.ones(occupancy.shape, dtype=np.bool_)
+        outside[box] = False
+        return cls(origin_enu_m, voxel_m, occupancy, faced, np.where(outside | (occupancy <= 0.0), np.uint8(0), faced))
+
+    def show(self, pose: Pose, camera: Camera, range_m: float) -> None:
+        """Count as shown what a picture is likelier than not to show."""
+        rays = camera.rays_camera().reshape(-1, 3) @ pose.enu_from_camera.T
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        start = (np.array(pose.position_enu_m) - self.origin_enu_m) / self.voxel_m
+        show(self.occupancy, self.unseen, start, rays, range_m / self.voxel_m, SURELY)
 
 
 @dataclass(frozen=True)
@@ -65,16 +91,17 @@ class Orientations:
 
 @dataclass(frozen=True)
 class Sights:
-    """What every ray from every position may stop at. Cells are numbered in C order over the grid in CELL_VOXELS."""
+    """What every ray from every position may stop at: the faces, by direction, of cells of the grid."""
 
     orientations: Orientations
     first: NDArray[np.int64]
     """(p * r + 1,) ray j of position i meets entries [first[i * r + j], first[i * r + j + 1])."""
     cell: NDArray[np.int32]
+    """Which face of which cell, by a number from 0 to cells - 1."""
     area_m2: NDArray[np.float32]
-    """Expected new surface of that cell on that ray."""
+    """Expected new surface there on that ray."""
     arrives: NDArray[np.float32]
-    """Probability that the ray gets as far as the cell."""
+    """Probability that the ray gets as far."""
     cells: int
 
     @property
@@ -107,12 +134,15 @@ def sights(imagined: ImaginedMap, positions_enu_m: Array, orientations: Orientat
     """Cast rays from positions (p, 3). Cost: p * r rays, each as long as it passes free or uncertain voxels."""
     voxel = imagined.voxel_m
     starts = (positions_enu_m - imagined.origin_enu_m) / voxel
-    novel = [np.flatnonzero(imagined.novelty.any(axis=other)) for other in ((1, 2), (0, 2), (0, 1))]
-    lower, upper = (np.array([float(n[end] + rim) if len(n) else 0.0 for n in novel]) for end, rim in ((0, 0), (-1, 1)))
-    rays = (imagined.occupancy, imagined.novelty, lower, upper, starts, orientations.directions_enu, range_m / voxel,
-            CELL_VOXELS)
+    new = imagined.unseen > 0
+    where = [np.flatnonzero(new.any(axis=others)) for others in ((1, 2), (0, 2), (0, 1))]
+    lower, upper = (np.array([float(n[end] + rim) if len(n) else 0.0 for n in where]) for end, rim in ((0, 0), (-1, 1)))
+    rays = (imagined.occupancy, imagined.faced, imagined.unseen, lower, upper, starts, orientations.directions_enu,
+            range_m / voxel, CELL_VOXELS)
     first = np.concatenate([[0], np.cumsum(count_stops(*rays).ravel())])
     scale = 4.0 * math.pi / len(orientations.directions_enu) * voxel**2
     cell, area, arrives = cast_stops(*rays, first, scale)
-    coarse = [math.ceil(n / CELL_VOXELS) for n in imagined.occupancy.shape]
-    return Sights(orientations, first, cell, area, arrives, math.prod(coarse))
+    faces = np.zeros(FACES * math.prod(math.ceil(n / CELL_VOXELS) for n in imagined.occupancy.shape), dtype=np.bool_)
+    faces[cell] = True
+    number = np.cumsum(faces, dtype=np.int32) - 1
+    return Sights(orientations, first, number[cell], area, arrives, int(faces.sum()))
