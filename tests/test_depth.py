@@ -17,6 +17,7 @@ from perception.depth.cost_volume import cost_volume
 from perception.depth.depth_map import DepthMap
 from perception.depth.filling import filled
 from perception.depth.fusion import consensus
+from perception.depth.pictures import PictureDepths
 from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
 from perception.depth.sky import sky_mask
 from perception.depth.sources import MIN_SPACING_M, choose_sources, source_worth
@@ -238,3 +239,22 @@ def test_compiled_loops_and_torch_build_the_same_volume(sources: int) -> None:
     assert np.abs(ours - theirs).max() <= 2
     assert (ours != theirs).mean() < 0.01
     assert (ours != 250).mean() > 0.3
+
+
+def test_what_is_answered_is_never_called_open() -> None:
+    """A wall before a textured infinity, online: the wall is measured, and nothing of it is taken for open space."""
+    online = PictureDepths(workers=2)
+    poses = _sideways(6.0)
+    pictures = [wall_picture(pose, noise_seed=i, top_up_m=5.0) for i, pose in enumerate(poses)]
+    for (rgb, _), pose in zip(pictures, poses, strict=True):
+        online.add(rgb, CAMERA, pose)
+    assert online.update() == list(range(len(poses)))
+    for i, (_, true) in enumerate(pictures):
+        depth = online.depth(i)
+        assert depth is not None
+        wall = np.isfinite(true[::2, ::2])
+        far = depth.valid & (depth.depth_m > 50.0)
+        assert not (depth.beyond & depth.valid).any()
+        assert (depth.valid & wall).sum() > 0.9 * wall.sum()
+        assert ((depth.beyond | far) & wall).mean() < 0.02
+        assert ((depth.beyond | far) & ~wall).sum() > 0.5 * (~wall).sum()

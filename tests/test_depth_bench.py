@@ -21,7 +21,7 @@ RAYS_M = np.linalg.norm(CAMERA.rays_camera(), axis=-1)
 
 def _map(depth_m: np.ndarray, valid: np.ndarray, confidence: np.ndarray) -> DepthMap:
     return DepthMap(CAMERA, Pose((0.0, 0.0, 5.0), 0.0, 0.0), depth_m.astype(np.float32), valid,
-                    confidence.astype(np.float32), np.zeros(valid.shape, np.bool_), 0.001)
+                    confidence.astype(np.float32), np.zeros_like(valid), 0.001)
 
 
 @pytest.fixture

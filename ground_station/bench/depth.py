@@ -34,7 +34,8 @@ from perception.warm_up import warm_up
 BUILT_IN = ("bridge", "building", "powerline", "statue")
 FIELDS = {"answered": "answered", "abs_rel": "abs rel", "delta_1_25": "δ<1.25", "abs_rel_all": "abs rel, all",
           "delta_1_25_all": "δ<1.25, all", "answered_thin": "thin answered", "abs_rel_thin": "thin abs rel",
-          "ghosts": "ghosts", "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
+          "called_open": "called open", "ghosts": "ghosts",
+          "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
 
 
 def main(argv: Sequence[str]) -> int:

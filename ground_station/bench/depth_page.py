@@ -24,8 +24,10 @@ TURBO = ((48, 18, 59), (70, 107, 227), (40, 187, 236), (49, 242, 153), (162, 252
          (210, 49, 5), (122, 4, 3))
 HEAT = ((20, 20, 60), (60, 120, 200), (250, 230, 120), (230, 60, 30))
 COLUMNS = ("scene", "pictures", "answered", "abs_rel", "delta_1_25", "abs_rel_all", "delta_1_25_all", "median_all",
-           "abs_rel_object", "answered_object", "thin", "answered_thin", "abs_rel_thin", "called_sky", "ghosts", "ause",
-           "ause_random", "oracle", "ause_answered", "oracle_answered", "calibration", "cpu_seconds")
+           "abs_rel_object", "answered_object", "thin", "answered_thin", "abs_rel_thin", "called_open", "ghosts",
+           "ause",
+           "ause_random", "oracle", "ause_answered", "oracle_answered", "calibration",
+           "cpu_seconds")
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class Pixels:
     confidence: Floats
     on_object: Mask
     thin: Mask
-    said_sky: Mask
+    said_nothing: Mask
 
     @classmethod
     def joined(cls, parts: list[Pixels]) -> Pixels:
@@ -71,7 +71,8 @@ class Row:
     answered_thin: float
     thin: float
     """Share of the counted pixels that lie on something thin."""
-    called_sky: float
+    called_open: float
+    """Share of the counted pixels taken for sky or for something far away: the map may carve through them."""
     ghosts: float
     """Share of the pixels answered with a depth in the range where the truth is sky, or 1.25 times as far or more."""
     ause: float
@@ -119,9 +120,9 @@ def judged(ours: DepthMap | None, depth_m: Floats, on_object: Mask, count: Mask)
         return Pixels(np.ones(n, np.float32), np.full(n, np.inf, np.float32), nothing, np.zeros(n, np.float32), *parts,
                       nothing)
     depth, confidence = (full_size(image, depth_m.shape)[count] for image in (ours.depth_m, ours.confidence))
-    valid, sky = (full_size(mask, depth_m.shape)[count] for mask in (ours.valid, ours.sky))
+    valid, none = (full_size(mask, depth_m.shape)[count] for mask in (ours.valid, ours.sky | ours.beyond))
     ratio = np.maximum(depth / true, true / depth)
-    return Pixels(np.abs(depth - true) / true, ratio, valid, confidence, *parts, sky)
+    return Pixels(np.abs(depth - true) / true, ratio, valid, confidence, *parts, none)
 
 
 def ghosts(ours: DepthMap, depth_m: Floats, rays_m: Array, range_m: float) -> NDArray[np.int64]:
@@ -139,7 +140,7 @@ def summary(scene: str, pictures: int, p: Pixels, ghost: NDArray[np.int64], cpu_
     best_answered = sparsification(p.error[a], p.error[a])
     return Row(scene, pictures, len(a), _mean(a), _mean(p.error[a]), _mean(p.ratio[a] < DELTA), _mean(p.error),
                _mean(p.ratio < DELTA), float(np.median(p.error)) if len(a) else 0.0, _mean(p.error[a & own]),
-               _mean(a[own]), _mean(p.error[a & fine]), _mean(a[fine]), _mean(fine), _mean(p.said_sky),
+               _mean(a[own]), _mean(p.error[a & fine]), _mean(a[fine]), _mean(fine), _mean(p.said_nothing),
                float(ghost[0] / max(int(ghost[1]), 1)),
                float((curve - best).mean()), float((_mean(p.error) - best).mean()), float(best.mean()),
                float((curve_answered - best_answered).mean()), float(best_answered.mean()),

@@ -25,6 +25,8 @@ WEIGHTS_FAR = np.array([4.446, 1.587, 1.025, -1.541, -0.007, 1.149, 2.841, -3.05
                        np.float32)
 TRUSTED_NEAR, TRUSTED_FAR = 0.4, 5.5
 """Least log odds of a pixel that is answered: 0.6 within FAR_M, 0.996 beyond."""
+BEYOND = 2.2
+"""Least log odds of an answer beyond FAR_M that is good enough to say that nothing is near: 0.9."""
 FILLED = (0.571, 0.246)
 """Log odds of a pixel whose depth was filled in: the first, and the second times what they were before."""
 LOG_COUNT = np.round(np.log1p(np.arange(256)), 4).astype(np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ class DepthMap:
     """(h, w) pixels that show open sky beyond doubt; never valid at the same time."""
     sigma_per_depth2: float
     """Standard deviation of depth over depth squared, 1/m: pixel error / (focal length x baseline)."""
+    beyond: Mask = field(default_factory=lambda: np.zeros((1, 1), np.bool_))
+    """(h, w), or (1, 1) for all alike: pixels without a trusted depth that likely show nothing within any sensing
+    range; never valid."""
 
     def sigma_m(self) -> Image:
         """(h, w) standard deviation of depth."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
-from perception.depth.confidence import FILLED, features, log_odds, probability, trusted
+from perception.depth.confidence import BEYOND, FAR_M, FILLED, features, log_odds, probability, trusted
 from perception.depth.depth_map import DepthMap, Image
 from perception.depth.filling import filled
 from perception.depth.fusion import Consensus, consensus
@@ -98,8 +98,9 @@ class PictureDepths:
         odds = log_odds(features(depth, vote, gray), vote.depth_m)
         good = trusted(odds, vote.depth_m)
         guess = filled(vote.depth_m, good & ~depth.sky, gray)
+        beyond = (vote.depth_m > FAR_M) & (odds >= BEYOND) & ~good & ~depth.sky
         odds = np.where(good, odds, FILLED[0] + FILLED[1] * odds)
-        return replace(depth, depth_m=guess, valid=good & ~depth.sky, confidence=probability(odds))
+        return replace(depth, depth_m=guess, valid=good & ~depth.sky, beyond=beyond, confidence=probability(odds))
 
     def evidence(self, index: int) -> tuple[Image, NDArray[np.float32]]:
         """For a picture that has been estimated: (h, w) depth as the vote has it by now, and (features, h, w) what its

@@ -24,7 +24,7 @@ class MapSettings:
     sensing_range_m: float = 25.0
     """Depth beyond this makes no surface and carves no further."""
     sky_range_m: float = 20.0
-    """Rays into open sky carve this far."""
+    """Rays into open sky, or past all that could be near, carve this far."""
     margin_voxels: float = 1.0
     """Carving stops this far before the surface, plus margin_sigmas of depth noise."""
     margin_sigmas: float = 2.0
@@ -138,9 +138,9 @@ class VoxelMap:
         """(n,) distance along each ray that the depth map proves free."""
         s = self.settings
         z, sigma = depth.depth_m.reshape(-1).astype(float), depth.sigma_m().reshape(-1).astype(float)
-        margin = s.margin_voxels * self._blank.voxel_m
+        margin, open_ = s.margin_voxels * self._blank.voxel_m, depth.sky | depth.beyond
         seen = np.minimum((z - s.margin_sigmas * sigma) / forward - margin, s.sensing_range_m)
-        result: Array = np.where(depth.valid.reshape(-1), seen, np.where(depth.sky.reshape(-1), s.sky_range_m, 0.0))
+        result: Array = np.where(depth.valid.reshape(-1), seen, np.where(open_.reshape(-1), s.sky_range_m, 0.0))
         return result
 
     def _add_free(self, touched: NDArray[np.int64], hit: NDArray[np.int64], sign: int) -> None:
