@@ -105,7 +105,8 @@ def _pictures(s: Shown) -> str:
     panels = {"picture": s.rgb, "true depth": _depth_colors(s.true_m, np.isfinite(s.true_m)),
               "ours (grey: no answer)": _depth_colors(full_size(s.ours.depth_m, shape), valid),
               "relative error, all counted": _colors(s.error(), 0.0, WORST_ERROR, HEAT, s.counted),
-              "confidence": _colors(full_size(s.ours.confidence, shape), 0.0, 1.0, HEAT[::-1], s.true_m > 0.0)}
+              "confidence (dark: sure)": _colors(full_size(s.ours.confidence, shape), 0.0, 1.0, HEAT[::-1],
+                                                 s.true_m > 0.0)}
     figures = "".join(f"<figure><img src='{data_uri(image, 'JPEG')}'><figcaption>{name}</figcaption></figure>"
                       for name, image in panels.items())
     return (f"<section><h2>{escape(s.scene)}, picture {s.number}</h2><p class=soft>{100 * s.badness():.1f} % of the "
