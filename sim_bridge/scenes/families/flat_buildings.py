@@ -86,15 +86,16 @@ class CourtyardBuilding(Family):
         yard = Mass(-x + w, -y + w, x - w, y - w, 0.0, top)
         raise_mass(body, outer, self.wall)
         body.blocks.cut((yard.x0, yard.y0, 0.0), (yard.x1, yard.y1, top))
-        style = Windows(3.1, 1.25, self.storey_m - 1.7, 1.0, surround="stone")
+        style = Windows(3.1, 1.25, self.storey_m - 1.7, 1.0, panes=1, surround="stone")
         glaze(body, outer, self.storey_m, style)
         self._yard_windows(body, yard, style)
         band(body, outer, "stone", top, top + 0.35, 0.35)
         body.blocks.cut((yard.x0 + 0.3, yard.y0 + 0.3, top), (yard.x1 - 0.3, yard.y1 - 0.3, top + 0.35))
-        self._corners(body, top + 0.35)
         g, high = self.gate_m / 2, min(self.gate_m, self.storey_m + 1.0)
         body.blocks.add("stone", (-g - 0.5, -y - 0.2, 0.0), (g + 0.5, -y + 0.4, high + 0.6))
         body.blocks.cut((-g, -y - 0.2, 0.0), (g, yard.y0, high))
+        body.next_blocks()
+        self._corners(body, top + 0.33)
         body.add("copper", drum([(1.6, 0.0), (1.6, 0.6), (0.3, 0.7), (0.3, 2.0), (0.9, 2.2), (0.9, 2.35)], sides=32))
         return body
 

@@ -9,7 +9,7 @@ import numpy as np
 from sim_bridge.scenes.families.body import Body
 from sim_bridge.scenes.families.draw import Family, between, one_of, whole
 from sim_bridge.scenes.families.facades import Mass, Windows, band, glaze, parapet, raise_mass
-from sim_bridge.scenes.families.shapes import drum, rod
+from sim_bridge.scenes.families.shapes import bar, drum, rod
 
 SIDES = (-1.0, 1.0)
 
@@ -60,11 +60,13 @@ class TowerBlock(Family):
             for s in SIDES:
                 body.blocks.add("plaster", (x + s * half, y, z), (x + s * (half - 0.1), out, z + 1.0))
             return
-        for bar_x in np.arange(x - half + 0.06, x + half, 0.47):
-            body.blocks.add("trim", (bar_x - 0.02, out - side * 0.08, z), (bar_x + 0.02, out - side * 0.04, z + 1.0))
-        body.blocks.add("trim", (x - half, out - side * 0.1, z + 1.0), (x + half, out - side * 0.02, z + 1.06))
+        rail = out - side * 0.06
+        for post in np.arange(x - half + 0.06, x + half, 0.31):
+            body.add("trim", bar((post, rail, z - 0.03), (post, rail, z + 1.01), 0.035))
+        body.add("trim", bar((x - half, rail, z + 1.03), (x + half, rail, z + 1.03), 0.06))
         for s in SIDES:
-            body.blocks.add("trim", (x + s * half, y, z + 1.0), (x + s * (half - 0.08), out, z + 1.06))
+            end = x + s * (half - 0.04)
+            body.add("trim", bar((end, y - side * 0.05, z + 1.03), (end, out, z + 1.03), 0.05))
 
     def _core(self, body: Body, mass: Mass) -> None:
         top = mass.z1 + 2.2
