@@ -154,9 +154,9 @@ def full_field(track: Track, frames: int) -> Field:
 
 
 def test_carving_leaves_the_wall_and_opens_the_space_before_it(track: Track) -> None:
-    field = full_field(track, 21)
+    field = full_field(track, 17)
     field.settle()
-    seen = field.looks > 4
+    seen = field.looks > 3
     north = field.proxies[:, 1]
     assert field.solid()[seen & (north > 0.2)].all()
     assert (field.passed[seen & (north < -0.9)] > 0).mean() < 1.0
@@ -165,7 +165,7 @@ def test_carving_leaves_the_wall_and_opens_the_space_before_it(track: Track) -> 
 
 
 def test_a_leg_through_the_wall_is_blocked_and_one_before_the_box_is_not(track: Track) -> None:
-    field = full_field(track, 21)
+    field = full_field(track, 17)
     assert field.blocked(np.array([0.0, -8.0, 4.0]), np.array([0.0, 4.0, 4.0]), 1.0) > 0
     assert field.blocked(np.array([-4.0, -8.0, 4.0]), np.array([4.0, -8.0, 4.0]), 1.0) == 0
 

@@ -12,7 +12,7 @@ from missions.camera import Pose
 from missions.training_walks import SUFFIX, TrainingWalk
 from tests.depth_scene import CAMERA, wall_picture
 
-MOVES, FRAMES = 5, 4
+MOVES, FRAMES = 4, 4
 LOW, HIGH = np.array([-14.0, -1.0, 0.0]), np.array([14.0, 3.0, 12.0])
 VOXEL_M = 1.0
 PX = (112, 64)

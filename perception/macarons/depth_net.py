@@ -18,6 +18,8 @@ CHANNELS = (16, 32, 64, 128, 256)
 SKIPS = (3, 64, 64, 128, 256)
 """Channels of the picture, conv1, layers 1, 2 and 3, from fine to coarse."""
 OUTPUTS = 4
+FIRST_LOGIT = -2.2
+"""Untrained, everything is about half a sensing range away."""
 OUTSIDE = 3.0
 """A place beside every picture."""
 
@@ -33,6 +35,9 @@ class DepthNet(nn.Module):
         self.up = nn.ModuleList(nn.ConvTranspose2d(b, c, 3, padding=1) for b, c in zip(below, CHANNELS, strict=True))
         self.merge = nn.ModuleList(nn.Conv2d(c + s, c, 3) for c, s in zip(CHANNELS, SKIPS, strict=True))
         self.disparity = nn.ModuleList(nn.Conv2d(c, 1, 3, padding=1) for c in CHANNELS[:OUTPUTS])
+        for name, values in self.disparity.named_parameters():
+            if name.endswith("bias"):
+                nn.init.constant_(values, FIRST_LOGIT)
 
     def forward(self, target: Tensor, sources: Tensor, camera: Tensor, source_from_target: Tensor) -> list[Tensor]:
         """Disparities in 0-1 (b, 1, h / 2^s, w / 2^s) at scales s = 0 to 3.

@@ -17,6 +17,7 @@ from perception.macarons.losses import normalised_l1, supervised_depth
 from perception.macarons.tracks import Track
 
 Losses = dict[str, list[float]]
+PER_CELL = 16
 DOUBT = 0.25
 """Standard deviation of the error that is put on the true occupancy of proxies the network was not asked about."""
 
@@ -76,12 +77,11 @@ def _occupancy_update(learner: Learner, track: Track, field: Field, frame: int,
 
 
 def cells_of(field: Field, queries: NDArray[np.int64], most: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """At most so many queries, of as few cells as hold them: a cell costs as much for one query as for all."""
-    cells = rng.permutation(np.unique(field.proxy_cell[queries]))
-    rank = np.zeros(field.cells.count, dtype=np.int64)
-    rank[cells] = np.arange(len(cells))
-    order = np.argsort(rank[field.proxy_cell[queries]], kind="stable")
-    return queries[order[:most]]
+    """At most so many queries, PER_CELL of each of some random cells: neighbours have the same answer too often to
+    learn from them alone."""
+    cells = rng.permutation(np.unique(field.proxy_cell[queries]))[:max(1, most // PER_CELL)]
+    mixed = rng.permutation(queries)
+    return np.concatenate([mixed[field.proxy_cell[mixed] == cell][:PER_CELL] for cell in cells])
 
 
 def _gain_update(learner: Learner, track: Track, field: Field, known: NDArray[np.int64], number: int,
