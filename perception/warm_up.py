@@ -10,6 +10,8 @@ import numpy as np
 from missions.camera import Camera, Pose
 from perception.depth.depth_map import DepthMap
 from perception.depth.pictures import PictureDepths
+from perception.imagination.imagine import Imagination
+from perception.imagination.surroundings import COUNT
 from perception.mapping.voxel_map import VoxelMap
 from perception.reconstruct.depth_map import merge_pairs
 from perception.reconstruct.fusion import PosedDepth, support
@@ -20,7 +22,7 @@ WALL_M = 4.0
 
 
 def warm_up() -> None:
-    """Sweep planes through two pictures, map a wall from its depth, and fuse depth maps of it."""
+    """Sweep planes through two pictures, map a wall from its depth, fuse depth maps of it, and imagine a voxel."""
     poses = [Pose((0.0, y, 2.0), 0.0, 0.0) for y in (2.0, 2.5)]
     picture = np.random.default_rng(1).integers(0, 255, (CAMERA.height_px, CAMERA.width_px, 3), dtype=np.uint8)
     depths = PictureDepths(min_sources=1)
@@ -31,6 +33,7 @@ def warm_up() -> None:
     wall = np.full((camera.height_px, camera.width_px), WALL_M, dtype=np.float32)
     _map(camera, poses, wall)
     _fuse(camera, poses, wall.copy())
+    Imagination.load().chance(np.zeros((1, COUNT), np.float32))
 
 
 def _map(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32]) -> None:

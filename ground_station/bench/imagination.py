@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from scipy import ndimage
 
 from missions.console import print_result
 from missions.grid import UNKNOWN, SurfaceVoxels, VoxelGrid
@@ -26,7 +25,7 @@ from missions.scene_names import parse_family
 from missions.training_walks import walk_files
 from perception.imagination.imagine import Imagination
 from perception.imagination.partial_maps import PartialMaps, load_maps
-from perception.imagination.samples import RIM_M
+from perception.imagination.samples import rim
 from perception.imagination.scores import Scores
 from planning.nbv.gain import GainSpec, gain_field
 
@@ -79,12 +78,12 @@ def judge(folder: Path, imagination: Imagination, quiet: bool = False) -> Result
     """Scores by family of scenes, by key poses taken and over all, of both predictors."""
     scores: dict[Key, Scores] = {}
     times: list[tuple[int, float, tuple[int, ...]]] = []
-    for maps in track(load_maps(folder), "imagining", len(walk_files(folder)), console=Console(stderr=True),
-                      disable=quiet):
-        family = parse_family(maps.scene)
+    for path in track(walk_files(folder), "imagining", console=Console(stderr=True), disable=quiet):
+        maps = load_maps(path)
+        family, box = parse_family(maps.scene), maps.box
         for grid, key_poses in zip(maps.grids, maps.key_poses, strict=True):
             start = time.perf_counter()
-            imagined = imagination.occupancy(grid, maps.object_min_enu_m, maps.object_max_enu_m, maps.ground_up_m)
+            imagined = imagination.occupancy(grid, box.lower_enu_m, box.upper_enu_m, box.ground_up_m)
             times.append((grid.state.size, time.perf_counter() - start, grid.state.shape))
             groups = ("all", f"after {key_poses}", family.family if family else maps.scene)
             for predictor, chance in zip(PREDICTORS, (imagined, fixed_chances(grid, maps)), strict=True):
@@ -99,19 +98,19 @@ def judge(folder: Path, imagination: Imagination, quiet: bool = False) -> Result
 
 def fixed_chances(grid: VoxelGrid, maps: PartialMaps) -> NDArray[np.float32]:
     """(i, j, k) how likely each voxel stops a ray for the volumetric gain."""
-    field = gain_field(grid, NO_SURFACE, maps.object_min_enu_m, maps.object_max_enu_m, GainSpec())
+    field = gain_field(grid, NO_SURFACE, maps.box.lower_enu_m, maps.box.upper_enu_m, GainSpec())
     return field.chance[field.label].astype(np.float32)
 
 
 def _judged(grid: VoxelGrid, maps: PartialMaps) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Masks of the unknown voxels in the object's box above the ground, and of the rim among them."""
-    lower, upper = np.array(maps.object_min_enu_m), np.array(maps.object_max_enu_m)
-    lower[2] = max(lower[2], maps.ground_up_m)
+    lower, upper = maps.box.lower_enu_m.copy(), maps.box.upper_enu_m
+    lower[2] = max(lower[2], maps.box.ground_up_m)
     first, last = np.maximum(grid.index(lower), 0), grid.index(upper) + 1
     box = np.zeros(grid.state.shape, dtype=np.bool_)
     box[tuple(slice(int(a), int(b)) for a, b in zip(first, last, strict=True))] = True
     box &= grid.state == UNKNOWN
-    return box, box & ndimage.binary_dilation(grid.state != UNKNOWN, iterations=round(RIM_M / grid.voxel_m))
+    return box, box & rim(grid)
 
 
 def _order(group: str) -> tuple[int, int, str]:

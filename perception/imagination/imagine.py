@@ -1,42 +1,54 @@
-"""Occupancy of a map with the unseen imagined."""
+"""Occupancy of a map with the unseen imagined. Needs no torch."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
 
 from missions.errors import UserError
 from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, VoxelGrid
-from perception.imagination.window import Window, known
-
-if TYPE_CHECKING:
-    from perception.imagination.network import ImaginationNet
+from perception.imagination.layers import logits
+from perception.imagination.surroundings import COUNT, Floats, surroundings, unknown_voxels
+from perception.imagination.window import Box, Window
 
 WEIGHTS = Path(__file__).parent / "weights" / "imagination.safetensors"
 OUTSIDE_PER_M = 0.03
 """Chance per metre that unknown space far from the object's box stops a ray."""
+LAYERS = ("hidden.0", "hidden.1", "out")
 
 
+@dataclass(frozen=True)
 class Imagination:
-    """A trained network. Torch is imported when it is first asked."""
+    """A trained network."""
 
-    def __init__(self, path: Path, device: str = "cpu") -> None:
-        self._path, self._device = path, device
+    mean: Floats
+    scale: Floats
+    layers: tuple[Floats, ...]
+    """Weights (in, out) and biases (out,) in turn, as `logits` takes them."""
 
     @classmethod
-    def load(cls, path: Path | None = None, device: str = "cpu") -> Imagination:
-        """With the weights that ship, or those in a safetensors file. Raises UserError when there is no such file."""
+    def load(cls, path: Path | None = None) -> Imagination:
+        """The network that ships, or that in a safetensors file. Raises UserError naming the file."""
         path = path or WEIGHTS
         if not path.is_file():
-            raise UserError(f"there are no weights at {path}; train some with python -m "
-                            "perception.imagination.train.")
-        return cls(path, device)
+            raise UserError(f"there are no weights at {path}; train some with python -m perception.imagination.train.")
+        try:
+            t = load_file(path)
+            parts = ((np.ascontiguousarray(t[f"{n}.weight"].T.squeeze()), t[f"{n}.bias"]) for n in LAYERS)
+            net = cls(t["mean"], t["scale"], tuple(itertools.chain.from_iterable(parts)))
+        except (SafetensorError, KeyError) as e:
+            raise UserError(f"{path} holds no weights for imagination: {e}") from e
+        if net.mean.shape != (COUNT,):
+            raise UserError(f"{path} holds weights for {net.mean.shape} numbers, not {COUNT}; train anew.")
+        return net
 
     def occupancy(self, grid: VoxelGrid, object_min_enu_m: Array, object_max_enu_m: Array,
                   ground_up_m: float) -> NDArray[np.float32]:
@@ -48,26 +60,17 @@ class Imagination:
         result = np.full(grid.state.shape, 1.0 - math.exp(-OUTSIDE_PER_M * grid.voxel_m), dtype=np.float32)
         under = int(np.clip((ground_up_m - grid.origin_enu_m[2]) // grid.voxel_m, 0, grid.state.shape[2]))
         result[:, :, :under] = 1.0
-        window = Window.around(grid, object_min_enu_m, object_max_enu_m, ground_up_m)
-        place = window.place(grid, object_min_enu_m, object_max_enu_m, ground_up_m)
-        part = window.within(grid.state.shape)
-        imagined = self._infer(known(window.cut(grid.state)), place)
-        result[part] = imagined[tuple(slice(0, p.stop - p.start) for p in part)]
+        box = Box(np.asarray(object_min_enu_m, float), np.asarray(object_max_enu_m, float), ground_up_m)
+        window = Window.around(grid, box)
+        where = unknown_voxels(grid, window)
+        index = np.stack(np.unravel_index(where, window.shape)) + window.first[:, None]
+        result[tuple(index)] = self.chance(surroundings(grid, window, box, where))
         result[grid.state == FREE] = 0.0
         result[grid.state == OCCUPIED] = 1.0
         return result
 
-    @cached_property
-    def _net(self) -> ImaginationNet:
-        from perception.imagination.checkpoint import load_net
-
-        return load_net(self._path).to(self._device).eval()
-
-    def _infer(self, known_: NDArray[np.float32], place: NDArray[np.float32]) -> NDArray[np.float32]:
-        import torch
-
-        with torch.inference_mode():
-            given = (torch.from_numpy(a)[None].to(self._device) for a in (known_, place))
-            chance = torch.sigmoid(self._net(*given))[0]
-        result: NDArray[np.float32] = chance.cpu().numpy()
+    def chance(self, known: Floats) -> Floats:
+        """(n,) probability of solid from (n, COUNT) numbers."""
+        logit = logits(np.ascontiguousarray(known.T), self.mean, self.scale, *self.layers)
+        result: Floats = np.float32(1.0) / (np.float32(1.0) + np.exp(-logit))
         return result

@@ -1,58 +1,38 @@
-"""A small 3-D U-Net from what is known of each voxel to how likely the unknown ones are solid.
-
-It reads and writes full resolution but thinks in cells of 2 x 2 x 2 voxels and coarser: strided convolutions go down,
-transposed ones back up. Skips are added (after Ronneberger et al., MICCAI 2015, who concatenate); without
-normalisation, so that what it says of a place does not depend on what else is in the window.
-"""
+"""A small perceptron from what is known around a voxel to how likely it is solid, trained in torch."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
-CHANNELS = (16, 32, 64)
-KNOWN, PLACE = 2, 3
-PRIOR_LOGIT = -1.5
+from perception.imagination.surroundings import COUNT
 
-
-class Block(nn.Module):
-    """Convolution and ReLU, around which the input is led past."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.conv = nn.Conv3d(channels, channels, 3, padding=1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(b, c, i, j, k) to the same."""
-        result: Tensor = x + torch.relu(self.conv(x))
-        return result
+HIDDEN = 48
+LAYERS = 2
 
 
 class ImaginationNet(nn.Module):
-    """known (b, KNOWN, 2i, 2j, 2k) and place (b, PLACE, i, j, k) to logits (b, 2i, 2j, 2k); i, j, k multiples of 4."""
+    """(n, COUNT) numbers to (n,) logits of solid. mean and scale (COUNT,) bring the numbers to one size."""
 
     def __init__(self) -> None:
         super().__init__()
-        fine, middle, coarse = CHANNELS
-        self.stem = nn.Conv3d(KNOWN, fine, 2, stride=2)
-        self.place = nn.Conv3d(PLACE, fine, 1, bias=False)
-        self.to_middle = nn.Conv3d(fine, middle, 2, stride=2)
-        self.middle = nn.Sequential(Block(middle), Block(middle))
-        self.to_coarse = nn.Conv3d(middle, coarse, 2, stride=2)
-        self.coarse = nn.Sequential(Block(coarse), Block(coarse), Block(coarse))
-        self.from_coarse = nn.ConvTranspose3d(coarse, middle, 2, stride=2)
-        self.middle_again = Block(middle)
-        self.from_middle = nn.ConvTranspose3d(middle, fine, 2, stride=2)
-        self.fine = Block(fine)
-        self.head = nn.ConvTranspose3d(fine, 1, 2, stride=2)
-        nn.init.constant_(self.head.bias, PRIOR_LOGIT)  # type: ignore[arg-type]
+        self.register_buffer("mean", torch.zeros(COUNT))
+        self.register_buffer("scale", torch.ones(COUNT))
+        sizes = [COUNT, *[HIDDEN] * LAYERS]
+        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
+        self.out = nn.Linear(HIDDEN, 1)
 
-    def forward(self, known: Tensor, place: Tensor) -> Tensor:
+    def standardise(self, samples: Tensor) -> None:
+        """Set mean and scale to those of samples (n, COUNT)."""
+        self.mean: Tensor = samples.mean(dim=0)
+        self.scale: Tensor = 1.0 / samples.std(dim=0).clamp_min(1e-3)
+
+    def forward(self, x: Tensor) -> Tensor:
         """See the class."""
-        fine = torch.relu(self.stem(known) + self.place(place))
-        middle = self.middle(torch.relu(self.to_middle(fine)))
-        coarse = self.coarse(torch.relu(self.to_coarse(middle)))
-        middle = self.middle_again(middle + self.from_coarse(coarse))
-        fine = self.fine(fine + self.from_middle(middle))
-        result: Tensor = self.head(fine)[:, 0]
+        x = (x - self.mean) * self.scale
+        for layer in self.hidden:
+            x = torch.relu(layer(x))
+        result: Tensor = self.out(x)[:, 0]
         return result

@@ -7,7 +7,6 @@ without depth, sky that is noticed or not.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +16,9 @@ from scipy import ndimage
 
 from missions.frames import Array
 from missions.grid import VoxelGrid
-from missions.training_walks import SUFFIX, TrainingWalk, walk_files
+from missions.training_walks import SUFFIX, TrainingWalk
 from perception.depth.depth_map import DepthMap
+from perception.imagination.window import Box
 from perception.mapping.voxel_map import MapSettings, VoxelMap
 
 STAGES = (2, 5, 10, 20, 40, 64)
@@ -70,9 +70,7 @@ class PartialMaps:
     grids: list[VoxelGrid]
     key_poses: list[int]
     solid: NDArray[np.bool_]
-    object_min_enu_m: Array
-    object_max_enu_m: Array
-    ground_up_m: float
+    box: Box
 
 
 def partial_maps(walk: TrainingWalk, rng: np.random.Generator, stages: tuple[int, ...] = STAGES) -> PartialMaps:
@@ -90,8 +88,8 @@ def partial_maps(walk: TrainingWalk, rng: np.random.Generator, stages: tuple[int
             grids.append(voxels.grid())
             reached.append(ends[frame])
     solid = walk.solid[tuple(slice(int(a), int(b)) for a, b in zip(first, last, strict=True))]
-    return PartialMaps(walk.scene, grids, reached, solid, walk.object_min_enu_m, walk.object_max_enu_m,
-                       walk.ground_up_m)
+    box = Box(walk.object_min_enu_m, walk.object_max_enu_m, walk.ground_up_m)
+    return PartialMaps(walk.scene, grids, reached, solid, box)
 
 
 def _around_object(walk: TrainingWalk) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -101,14 +99,13 @@ def _around_object(walk: TrainingWalk) -> tuple[NDArray[np.int64], NDArray[np.in
     return np.maximum(first, 0), np.minimum(last + 1, walk.solid.shape)
 
 
-def load_maps(folder: Path, seed: int = 1) -> Iterator[PartialMaps]:
-    """The maps of all walks in a folder, which are made once and kept beside them. Raises UserError."""
-    for path in walk_files(folder):
-        kept = path.with_name(path.name.removesuffix(SUFFIX) + MAPS)
-        if not kept.exists():
-            rng = np.random.default_rng([seed, zlib.crc32(path.name.encode())])
-            _save(kept, partial_maps(TrainingWalk.load(path), rng))
-        yield _load(kept)
+def load_maps(path: Path, seed: int = 1) -> PartialMaps:
+    """The maps of a walk in a file, which are made once and kept beside it. Raises UserError."""
+    kept = path.with_name(path.name.removesuffix(SUFFIX) + MAPS)
+    if not kept.exists():
+        rng = np.random.default_rng([seed, zlib.crc32(path.name.encode())])
+        _save(kept, partial_maps(TrainingWalk.load(path), rng))
+    return _load(kept)
 
 
 def _save(path: Path, maps: PartialMaps) -> None:
@@ -116,15 +113,16 @@ def _save(path: Path, maps: PartialMaps) -> None:
     np.savez_compressed(path, scene=np.array(maps.scene), states=np.stack([g.state for g in maps.grids]),
                         key_poses=np.array(maps.key_poses), origin_enu_m=first.origin_enu_m,
                         voxel_m=np.array(first.voxel_m), solid=maps.solid,
-                        box=np.stack([maps.object_min_enu_m, maps.object_max_enu_m]),
-                        ground_up_m=np.array(maps.ground_up_m))
+                        box=np.stack([maps.box.lower_enu_m, maps.box.upper_enu_m]),
+                        ground_up_m=np.array(maps.box.ground_up_m))
 
 
 def _load(path: Path) -> PartialMaps:
     with np.load(path, allow_pickle=False) as d:
-        grids = [VoxelGrid(d["origin_enu_m"], float(d["voxel_m"]), state) for state in d["states"]]
-        return PartialMaps(str(d["scene"]), grids, [int(n) for n in d["key_poses"]], d["solid"], d["box"][0],
-                           d["box"][1], float(d["ground_up_m"]))
+        origin_enu_m, voxel_m = d["origin_enu_m"], float(d["voxel_m"])
+        grids = [VoxelGrid(origin_enu_m, voxel_m, state) for state in d["states"]]
+        box = Box(d["box"][0], d["box"][1], float(d["ground_up_m"]))
+        return PartialMaps(str(d["scene"]), grids, [int(n) for n in d["key_poses"]], d["solid"], box)
 
 
 def _smooth(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:

@@ -1,73 +1,70 @@
-"""Training samples: windows of partial maps with what is truly there, turned and mirrored at random."""
+"""Training samples: unknown voxels of partial maps, what is known around them, and what they truly are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import zlib
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
 from scipy import ndimage
 
-from missions.grid import UNKNOWN
-from perception.imagination.partial_maps import PartialMaps
-from perception.imagination.window import CELL, MULTIPLE, Floats, Window, known
+from missions.grid import UNKNOWN, VoxelGrid
+from missions.training_walks import walk_files
+from perception.imagination.partial_maps import load_maps
+from perception.imagination.surroundings import COUNT, Floats, surroundings, unknown_voxels
+from perception.imagination.window import Window
 
-PATCHES = ((48, 48, 40), (48, 48, 40), (48, 48, 40), (96, 96, 64))
-"""Voxels of a patch at most: mostly small, for many steps, sometimes large, for the far view."""
 RIM_M = 1.5
 """Unknown voxels as near as this to known ones are the first that a ray meets."""
-FAR_WEIGHT = 0.25
+PER_MAP = 750
+"""Voxels drawn from the rim of each map, and as many from all of it."""
 
 
 @dataclass(frozen=True)
-class Sample:
-    """One window: state and place as the network is told; solid where it is judged, which is where unknown holds."""
+class Samples:
+    """n voxels."""
 
-    state: NDArray[np.uint8]
-    place: Floats
-    solid: NDArray[np.uint8]
-    unknown: NDArray[np.uint8]
-    """(i, j, k) 0 where known, and beyond the grid."""
-    rim_voxels: int
+    known: Floats
+    """(n, COUNT) see `surroundings`."""
+    solid: NDArray[np.bool_]
 
-    def patch(self, rng: np.random.Generator) -> Sample:
-        """A part as large as one of PATCHES, turned about the vertical by so many right angles, perhaps mirrored."""
-        size = [min(n, m) for n, m in zip(self.state.shape, PATCHES[rng.integers(len(PATCHES))], strict=True)]
-        spare = [n - s for n, s in zip(self.state.shape, size, strict=True)]
-        first = [MULTIPLE * int(rng.integers(n // MULTIPLE + 1)) for n in spare]
-        fine = tuple(slice(a, a + s) for a, s in zip(first, size, strict=True))
-        coarse = (slice(None), *(slice(a // CELL, (a + s) // CELL) for a, s in zip(first, size, strict=True)))
-        turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
-
-        def placed(values: NDArray[np.generic], axis: int) -> NDArray[np.generic]:
-            turned = np.rot90(values, turns, axes=(axis, axis + 1))
-            return np.ascontiguousarray(np.flip(turned, axis) if mirrored else turned)
-
-        return Sample(placed(self.state[fine], 0), placed(self.place[coarse], 1),  # type: ignore[arg-type]
-                      placed(self.solid[fine], 0), placed(self.unknown[fine], 0),  # type: ignore[arg-type]
-                      self.rim_voxels)
-
-    @property
-    def known(self) -> Floats:
-        """(2, i, j, k) see `window.known`."""
-        return known(self.state)
-
-    @property
-    def weight(self) -> Floats:
-        """(i, j, k) what each voxel counts in the loss."""
-        rim = ndimage.binary_dilation(self.state != UNKNOWN, iterations=self.rim_voxels)
-        return np.where(rim, 1.0, FAR_WEIGHT).astype(np.float32) * self.unknown
+    @classmethod
+    def joined(cls, parts: list[Samples]) -> Samples:
+        """All in one."""
+        return cls(np.concatenate([p.known for p in parts]), np.concatenate([p.solid for p in parts]))
 
 
-def samples_of(maps: Iterable[PartialMaps]) -> list[Sample]:
-    """One sample per map."""
-    samples = []
-    for m in maps:
-        box = (m.object_min_enu_m, m.object_max_enu_m, m.ground_up_m)
-        for grid in m.grids:
-            window = Window.around(grid, *box)
-            unknown = window.cut((grid.state == UNKNOWN).astype(np.uint8))
-            samples.append(Sample(window.cut(grid.state), window.place(grid, *box),
-                                  window.cut(m.solid.astype(np.uint8)), unknown, round(RIM_M / grid.voxel_m)))
-    return samples
+def rim(grid: VoxelGrid) -> NDArray[np.bool_]:
+    """(i, j, k) unknown voxels within RIM_M of known ones."""
+    known = grid.state != UNKNOWN
+    result: NDArray[np.bool_] = ndimage.binary_dilation(known, iterations=round(RIM_M / grid.voxel_m)) & ~known
+    return result
+
+
+def samples_of(path: Path, seed: int) -> Samples:
+    """Voxels of all maps along one walk. Raises UserError."""
+    maps, parts = load_maps(path), [Samples(np.zeros((0, COUNT), np.float32), np.zeros(0, np.bool_))]
+    rng = np.random.default_rng([seed, zlib.crc32(path.name.encode())])
+    for grid in maps.grids:
+        window = Window.around(grid, maps.box)
+        near, solid = (window.cut(values.astype(np.uint8)).ravel() for values in (rim(grid), maps.solid))
+        unknown = unknown_voxels(grid, window)
+        drawn = [rng.permutation(choice)[:PER_MAP] for choice in (unknown[near[unknown] > 0], unknown)]
+        where = np.unique(np.concatenate(drawn))
+        parts.append(Samples(surroundings(grid, window, maps.box, where), solid[where] > 0))
+    return Samples.joined(parts)
+
+
+def load_samples(folder: Path, seed: int, workers: int) -> Samples:
+    """Voxels of all walks in a folder, in the order of their names. Raises UserError."""
+    paths = walk_files(folder)
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        found = pool.map(partial(samples_of, seed=seed), paths)
+        return Samples.joined(list(track(found, "looking around", len(paths), console=Console(stderr=True))))
