@@ -33,7 +33,7 @@ def warm_up() -> None:
     wall = np.full((camera.height_px, camera.width_px), WALL_M, dtype=np.float32)
     _map(camera, poses, wall)
     _fuse(camera, poses, wall.copy())
-    Imagination.load().chance(np.zeros((1, COUNT), np.float32))
+    Imagination.load().chance(np.zeros((8, COUNT), np.float32))
 
 
 def _map(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32]) -> None:
