@@ -280,7 +280,7 @@ def test_a_method_in_its_own_process_stays_below_oracle_and_ceiling(method: str)
     assert 0.0 < row.curve[0] <= row.final <= best <= row.ceiling
     assert row.auc == pytest.approx(np.mean(row.curve), abs=1e-4)
     assert row.seconds_per_decision > 0.0
-    assert row.peak_memory_mib > 50.0
+    assert 50.0 < row.peak_memory_mib < 500.0
     assert all(0.0 <= e <= 1.0 for e in row.estimates)
 
 
