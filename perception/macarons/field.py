@@ -21,7 +21,8 @@ SOLID_SHARE = 0.95
 """Of the pictures that have a point in view, those that must not see past it."""
 VIEW_SPACINGS = 3.0
 """A point counts as seen when it lies less than so many spacings behind the surface."""
-FREE_SPACINGS = 1.5
+FREE_SPACINGS, FREE_LOOKS = 1.5, 3
+"""So many pictures must see a point free, so many spacings before what they show, before a vehicle may fly there."""
 UNKNOWN_OCCUPANCY = 0.5
 
 
@@ -118,9 +119,9 @@ class Field:
         self.occupancy[(self.looks > 0) & ~self.solid()] = 0.0
 
     def blocked(self, start_enu_m: Array, end_enu_m: Array, clearance_m: float) -> int:
-        """How much of what is not known to be free lies within clearance of a straight leg: proxies that nothing has
-        seen past, and surface points."""
-        proxies = self.proxies[self.passed == 0]
+        """How much of what is not known to be free lies within clearance of a straight leg: proxies that
+        fewer than FREE_LOOKS pictures have seen past, and surface points."""
+        proxies = self.proxies[self.passed < FREE_LOOKS]
         return int((_distance(proxies, start_enu_m, end_enu_m) < max(clearance_m, self.spacing_m)).sum()
                    + (_distance(self.surface.points, start_enu_m, end_enu_m) < clearance_m).sum())
 
