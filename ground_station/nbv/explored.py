@@ -7,6 +7,7 @@ map is kept in units of its own, in which the trial's sensing range measures 25:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from missions.camera import Pose
 from missions.frames import Array
-from missions.grid import OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
+from missions.grid import UNKNOWN, SurfaceVoxels, VoxelGrid
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, Index5, Indices, PoseLattice
 from perception.depth.plane_sweep import SweepSettings
@@ -27,6 +28,8 @@ RANGE = 25.0
 VOXEL = 0.5
 SWEEP = SweepSettings(shrink=3, planes=80)
 """A third of the time of the default sweep; which views to take hardly depends on the difference."""
+MEASURED = 0.1
+"""Error of the measured places of surface that is allowed for."""
 RIM = 3.0
 """How far the map reaches beyond lattice and object."""
 
@@ -40,7 +43,7 @@ class Explored:
         self.object_min, self.object_max = (self.scale * np.array(corner)
                                             for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
         self.ground_up = self.scale * brief.ground_up_m
-        self.clearance = self.scale * brief.fleet.clearance_m
+        self.clearance, self.radius = self.scale * brief.fleet.clearance_m, self.scale * brief.fleet.radius_m
         lower = np.minimum(self.object_min, self.lattice.lower_enu_m) - RIM
         upper = np.maximum(self.object_max, self.lattice.upper_enu_m) + RIM
         self._camera = brief.camera
@@ -89,33 +92,32 @@ class Explored:
         return tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
 
     def open_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps that keep the clearance from all that the map knows to be occupied."""
-        number = np.arange(len(self.lattice.positions_enu_m)).reshape(self.lattice.shape)
-        edges = np.zeros((number.size, len(AXIS_STEPS)), dtype=np.bool_)
-        solid = self.grid.centers(np.argwhere(self.grid.state == OCCUPIED))
-        tree = cKDTree(solid) if len(solid) else None
-        for axis in range(3):
-            a, b = (np.delete(number, end, axis=axis).ravel() for end in (-1, 0))
-            open_ = np.ones(len(a), dtype=np.bool_)
-            if tree is not None and len(a):
-                open_ = self._room(tree, a, b) >= self.clearance
-            edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True
-        return edges
+        """(p, 6) lattice steps that keep the clearance from all that was measured."""
+        solid = self.surface.position_enu_m
+        if not len(solid):
+            return self._edges(lambda along: np.ones(along.shape[1], dtype=np.bool_))
+        tree, least = cKDTree(solid), self.clearance + MEASURED
+        return self._edges(lambda along: np.isinf(tree.query(along, distance_upper_bound=least)[0]).all(axis=0))
 
     def clear_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps that keep the clearance from all that is occupied, and from all of the object's box that
-        was not seen to be free. Unknown space elsewhere is taken for free: the object is not there."""
-        blocked = self.grid.state == OCCUPIED
+        """(p, 6) those of them along which all that the vehicle's body sweeps of the object's box was seen to be free.
+        Unknown space elsewhere is taken for free: the object is not there."""
+        unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
-        blocked[box] |= self.grid.state[box] == UNKNOWN
-        room = VOXEL * (ndimage.distance_transform_edt(~blocked) - 0.5)
+        unknown[box] = self.grid.state[box] == UNKNOWN
+        near = VOXEL * (ndimage.distance_transform_edt(~unknown) - 0.5) < self.radius
+        return self.open_edges() & self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))]
+                                               .any(axis=0))
+
+    def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""
         number = np.arange(len(self.lattice.positions_enu_m)).reshape(self.lattice.shape)
         edges = np.zeros((number.size, len(AXIS_STEPS)), dtype=np.bool_)
         for axis in range(3):
             a, b = (np.delete(number, end, axis=axis).ravel() for end in (-1, 0))
-            i, j, k = np.moveaxis(self.grid.index(self._along(a, b)), -1, 0)
-            open_ = (room[i, j, k] >= self.clearance).all(axis=0)
-            edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True
+            if len(a):
+                open_ = is_open(self._along(a, b))
+                edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True
         return edges
 
     def _along(self, a: Indices, b: Indices) -> Array:
@@ -123,13 +125,6 @@ class Explored:
         start, end = self.lattice.positions_enu_m[a], self.lattice.positions_enu_m[b]
         samples = 2 + int(np.linalg.norm(end - start, axis=1).max(initial=0.0) / VOXEL)
         return start + np.linspace(0.0, 1.0, samples)[:, None, None] * (end - start)
-
-    def _room(self, solid: cKDTree, a: Indices, b: Indices) -> Array:
-        """(e,) least distance to the surface of solid voxels along legs between positions (e,) each."""
-        reach = self.clearance + VOXEL
-        distance, _ = solid.query(self._along(a, b), distance_upper_bound=reach)
-        result: Array = np.minimum(distance, reach).min(axis=0) - 0.5 * VOXEL
-        return result
 
 
 def _scaled_lattice(lattice: PoseLattice, scale: float) -> PoseLattice:
