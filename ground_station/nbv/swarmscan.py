@@ -1,9 +1,9 @@
 """The default method: imagine what is not seen yet, and plan several steps over what views of it would show.
 
-Occupancy of unknown voxels is imagined from the map; a view is worth the surface it is expected to show that no view
-before it has shown; the way with the best discounted sum is begun, and planned anew after every step (MAGICIAN, Li et
-al., CVPR 2026, showed that the planner is what decides). With several vehicles each plans on what the plans of the
-others leave to see.
+A small network imagines the occupancy of unknown voxels from the map (perception.imagination); a view is worth the
+surface it is expected to show that no view before it has shown; the way with the best discounted sum is begun, and
+planned anew after every step (MAGICIAN, Li et al., CVPR 2026, showed that the planner is what decides). With several
+vehicles each plans on what the plans of the others leave to see.
 """
 
 from __future__ import annotations
@@ -11,21 +11,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from missions.camera import Pose
 from missions.frames import Array
-from missions.grid import FREE, OCCUPIED, UNKNOWN
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import TURNS, Index5
+from perception.imagination.imagine import Imagination
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
 
-UNKNOWN_PER_M, FRONTIER_CHANCE, OUTSIDE_PER_M = 0.12, 0.5, 0.02
-"""What is imagined without a network: the chance per map unit that unknown space in the object's box stops a ray, the
-chance of an unknown voxel beside known surface, and the chance outside the box."""
 MAYBE_OPEN = 0.6
 """How likely a step through unknown space will turn out to be open."""
 BLOCKED = 1e-3
@@ -40,7 +35,7 @@ class Swarmscan:
     def __init__(self, brief: TrialBrief) -> None:
         self._brief, self._lattice = brief, brief.lattice
         self._explored = Explored(brief)
-        self._spec = HorizonSpec()
+        self._imagination, self._spec = Imagination.load(), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
         self._came_from = dict(self._at)
         self._visited = set(self._at.values())
@@ -61,12 +56,7 @@ class Swarmscan:
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
         """The first step of the best way; back to where it came from when none is known to be clear."""
         self._explored.refresh()
-        occupancy = imagined_occupancy(self._explored)
-        imagined = ImaginedMap.new(self._explored.grid.origin_enu_m, VOXEL, occupancy,
-                                   self._explored.inside_object_box())
-        for pose in self._keys:
-            imagined.show(pose, self._coarse, RANGE)
-        seen = sights(imagined, self._explored.lattice.positions_enu_m, self._orientations, RANGE)
+        seen = sights(self._imagined(), self._explored.lattice.positions_enu_m, self._orientations, RANGE)
         best = float(seen.gains_m2.max())
         self._largest = max(self._largest, best)
         way = self._plan(vehicle, candidates, seen)
@@ -76,6 +66,16 @@ class Swarmscan:
         return Choice(vehicle=vehicle, index=self._lattice.index(way.poses[0]),
                       predicted_gain=way.gains_m2[0] / self._explored.scale**2,
                       coverage_estimate=self._explored.coverage, stop=best < STOP_SHARE * self._largest)
+
+    def _imagined(self) -> ImaginedMap:
+        """The object as the network imagines it, with what the key poses so far have shown."""
+        explored = self._explored
+        occupancy = self._imagination.occupancy(explored.grid, explored.object_min, explored.object_max,
+                                                explored.ground_up)
+        imagined = ImaginedMap.new(explored.grid.origin_enu_m, VOXEL, occupancy, explored.inside_object_box())
+        for pose in self._keys:
+            imagined.show(pose, self._coarse, RANGE)
+        return imagined
 
     def _plan(self, vehicle: int, candidates: list[Index5], seen: Sights) -> Way:
         """The best way over what the other vehicles' plans leave to see."""
@@ -107,14 +107,3 @@ class Swarmscan:
         home = self._came_from[vehicle] // self._lattice.orientations
         back = [n for n in given if n // self._lattice.orientations == home]
         return [n for n in clear if n not in self._visited] or clear or back or given
-
-
-def imagined_occupancy(explored: Explored) -> NDArray[np.float32]:
-    """Grid-shaped chance that a voxel stops a ray, from the map and where it ends alone."""
-    state, box = explored.grid.state, explored.inside_object_box()
-    occupancy = np.full(state.shape, 1.0 - math.exp(-OUTSIDE_PER_M * VOXEL), dtype=np.float32)
-    occupancy[box] = 1.0 - math.exp(-UNKNOWN_PER_M * VOXEL)
-    near = ndimage.binary_dilation(state == OCCUPIED, np.ones((3, 3, 3), dtype=bool)) & (state == UNKNOWN)
-    occupancy[near] = FRONTIER_CHANCE
-    occupancy[state == FREE], occupancy[state == OCCUPIED] = 0.0, 1.0
-    return occupancy
