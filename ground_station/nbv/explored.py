@@ -92,12 +92,20 @@ class Explored:
         return tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
 
     def open_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps that keep the clearance from all that was measured."""
+        """(p, 6) lattice steps between positions that keep the clearance from all that was measured, and that pass it
+        by twice the vehicle's radius at least."""
         solid = self.surface.position_enu_m
         if not len(solid):
             return self._edges(lambda along: np.ones(along.shape[1], dtype=np.bool_))
-        tree, least = cKDTree(solid), self.clearance + MEASURED
-        return self._edges(lambda along: np.isinf(tree.query(along, distance_upper_bound=least)[0]).all(axis=0))
+        tree, reach = cKDTree(solid), self.clearance + MEASURED
+        passing = min(2.0 * self.radius + MEASURED, reach)
+
+        def is_open(along: Array) -> NDArray[np.bool_]:
+            near, _ = tree.query(along, distance_upper_bound=reach)
+            result: NDArray[np.bool_] = np.isinf(near[[0, -1]]).all(axis=0) & (near >= passing).all(axis=0)
+            return result
+
+        return self._edges(is_open)
 
     def clear_edges(self) -> NDArray[np.bool_]:
         """(p, 6) those of them along which all that the vehicle's body sweeps of the object's box was seen to be free.
