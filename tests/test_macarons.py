@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 from scipy.special import sph_harm_y
 from torch import nn
 
-from perception.macarons.depth_net import DepthNet, cost_volume, depth_from_disparity, pixel_rays, plane_depths
+from perception.macarons.depth_net import (
+    DepthNet,
+    cost_volume,
+    depth_from_disparity,
+    pixel_rays,
+    plane_depths,
+    standardised,
+    swept_disparity,
+)
 from perception.macarons.gain_net import GainNet, gain, visibility
 from perception.macarons.harmonics import (
     BINS,
@@ -112,6 +120,16 @@ def test_the_cheapest_plane_is_the_one_the_wall_is_on(depth: float) -> None:
     planes = plane_depths(torch.device("cpu"))
     found = 1.0 / planes[cost.mean(dim=(1, 2)).argmin()]
     assert abs(found - 1.0 / depth) <= 0.6 * (1.0 / planes[1] - 1.0 / planes[0])
+
+
+def test_the_sweep_begins_at_the_cheapest_plane_and_standardising_keeps_the_order() -> None:
+    cost = 0.5 + 0.1 * torch.rand(1, 96, 6, 8)
+    cost[:, 40] = 0.1
+    flat = standardised(cost)
+    torch.testing.assert_close(flat.mean(dim=1), torch.zeros(1, 6, 8), atol=1e-5, rtol=0.0)
+    assert torch.equal(flat.argsort(dim=1), cost.argsort(dim=1))
+    found = depth_from_disparity(swept_disparity(flat))
+    torch.testing.assert_close(found, plane_depths(cost.device)[40].expand_as(found), rtol=1e-3, atol=1e-4)
 
 
 def test_depth_comes_out_at_four_scales_of_any_picture_size() -> None:

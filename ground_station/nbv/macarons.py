@@ -40,8 +40,8 @@ class MacaronsOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Proxies whose occupancy is asked for anew per decision, at most."""
     samples: int = 256
     cloud_points: int = 256
-    width_px: int = 114
-    height_px: int = 64
+    width_px: int = 228
+    height_px: int = 128
     share: float = 0.2
     """Of a depth map's points that go to the surface."""
     threads: int = 0

@@ -18,8 +18,8 @@ CHANNELS = (16, 32, 64, 128, 256)
 SKIPS = (3, 64, 64, 128, 256)
 """Channels of the picture, conv1, layers 1, 2 and 3, from fine to coarse."""
 OUTPUTS = 4
-FIRST_LOGIT = -2.2
-"""Untrained, everything is about half a sensing range away."""
+SHARPNESS = 30.0
+"""Of the soft minimum over the planes, whose costs have deviation 1."""
 OUTSIDE = 3.0
 """A place beside every picture."""
 
@@ -36,8 +36,7 @@ class DepthNet(nn.Module):
         self.merge = nn.ModuleList(nn.Conv2d(c + s, c, 3) for c, s in zip(CHANNELS, SKIPS, strict=True))
         self.disparity = nn.ModuleList(nn.Conv2d(c, 1, 3, padding=1) for c in CHANNELS[:OUTPUTS])
         for name, values in self.disparity.named_parameters():
-            if name.endswith("bias"):
-                nn.init.constant_(values, FIRST_LOGIT)
+            nn.init.zeros_(values) if name.endswith("bias") else values.data.mul_(0.1)
 
     def forward(self, target: Tensor, sources: Tensor, camera: Tensor, source_from_target: Tensor) -> list[Tensor]:
         """Disparities in 0-1 (b, 1, h / 2^s, w / 2^s) at scales s = 0 to 3.
@@ -49,15 +48,18 @@ class DepthNet(nn.Module):
         first, own = self.trunk.stem(target)
         with torch.no_grad():
             others = self.trunk.stem(sources.flatten(0, 1))[1].view(*sources.shape[:2], *own.shape[1:])
-        cost = cost_volume(own, others, camera, source_from_target)
-        skips = [target, first, own, *self.trunk.deep(functional.relu(self.reduce(torch.cat([own, cost], dim=1))))]
+        cost = standardised(cost_volume(own, others, camera, source_from_target))
+        matched = functional.relu(self.reduce(torch.cat([own, cost], dim=1)))
+        swept = torch.logit(swept_disparity(cost), eps=1e-3)
+        skips = [target, first, matched, *self.trunk.deep(matched)]
         x, out = skips.pop(), []
         for stage in reversed(range(len(CHANNELS))):
             x = functional.interpolate(functional.elu(self.up[stage](x)), size=skips[stage].shape[-2:], mode="nearest")
             x = functional.pad(torch.cat([x, skips[stage]], dim=1), (1, 1, 1, 1), mode="reflect")
             x = functional.elu(self.merge[stage](x))
             if stage < OUTPUTS:
-                out.append(torch.sigmoid(self.disparity[stage](x)))
+                start = functional.interpolate(swept, size=x.shape[-2:], mode="bilinear", align_corners=False)
+                out.append(torch.sigmoid(self.disparity[stage](x) + start))
         return out[::-1]
 
 
@@ -87,6 +89,21 @@ def cost_volume(own: Tensor, others: Tensor, camera: Tensor, source_from_target:
             seen += inside[:, None]
         mean /= seen.clamp_(min=1.0)
     return (own[:, :, None] - mean.view(b, f, PLANES, h, w)).abs().mean(dim=1)
+
+
+def swept_disparity(cost: Tensor) -> Tensor:
+    """(b, 1, h, w) disparity of the cheapest planes of standardised costs (b, 96, h, w): what the decoder corrects."""
+    planes = (1.0 / plane_depths(cost.device) - 1.0 / FARTHEST) / (1.0 / NEAREST - 1.0 / FARTHEST)
+    smooth = functional.avg_pool2d(cost, 3, 1, 1, count_include_pad=False)
+    share = torch.softmax(-SHARPNESS * smooth, dim=1)
+    return (share * planes[:, None, None]).sum(dim=1, keepdim=True)
+
+
+def standardised(cost: Tensor) -> Tensor:
+    """(b, 96, h, w) costs with mean 0 and deviation 1 over the planes of a pixel: the best plane stands out wherever
+    features are strong or faint."""
+    middle = cost - cost.mean(dim=1, keepdim=True)
+    return middle / (middle.square().mean(dim=1, keepdim=True) + 1e-6).sqrt()
 
 
 def pixel_rays(camera: Tensor, h: int, w: int) -> Tensor:

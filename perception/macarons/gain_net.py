@@ -35,7 +35,8 @@ class GainNet(nn.Module):
         for block in self.blocks:
             x = block(x, present)
         x = functional.gelu(self.narrow(self.norm(x)))
-        x = functional.gelu(self.mix(torch.cat([x, views], dim=-1)))
+        x = self.mix(torch.cat([x, views], dim=-1))
+        x = functional.gelu(functional.layer_norm(x, x.shape[-1:]))
         result: Tensor = self.last(x)
         return result
 

@@ -43,7 +43,8 @@ class OccupancyNet(nn.Module):
             place = functional.gelu(layer(place))
         x = torch.cat([*parts, place, views], dim=-1)
         for layer in self.head[:-1]:
-            x = functional.gelu(layer(x))
+            x = layer(x)
+            x = functional.gelu(functional.layer_norm(x, x.shape[-1:]))
         return torch.sigmoid(self.head[-1](x).squeeze(-1))
 
 
