@@ -13,7 +13,8 @@ from missions.errors import UserError
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import Index5
 from perception.macarons.field import Look
-from perception.macarons.weights import Networks
+from perception.macarons.resnet import finite
+from perception.macarons.weights import SHIPPED, Networks
 from tests.depth_scene import CAMERA, halved, wall_picture
 
 pytestmark = pytest.mark.xdist_group("macarons")
@@ -91,3 +92,14 @@ def test_an_unknown_option_is_refused() -> None:
         make_macarons(brief(cleverness="3"))
     with pytest.raises(UserError, match="proxies"):
         make_macarons(brief(proxies="many"))
+
+
+def test_the_weights_that_ship_fit_are_small_and_have_a_card_each() -> None:
+    shipped = sorted(SHIPPED.glob("*.safetensors"))
+    assert [path.stem for path in shipped] == ["depth", "gain", "occupancy"]
+    assert sum(path.stat().st_size for path in shipped) < 60e6
+    for path in shipped:
+        card = path.with_suffix(".md").read_text(encoding="utf-8")
+        assert all(f"## {part}" in card for part in ("Data", "Recipe", "Metrics", "Limits"))
+    networks = Networks.load(SHIPPED)
+    assert all(finite(net) for net in networks.named().values())

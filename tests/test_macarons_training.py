@@ -124,7 +124,7 @@ def test_losses_are_zero_for_the_truth_and_gains_count_by_their_ratios(track: Tr
     size = [(64, 112), (32, 56), (16, 28), (8, 14)]
     exact = ((1.0 / depth.clamp(min=NEAREST) - 1.0 / FARTHEST) / (1.0 / NEAREST - 1.0 / FARTHEST)).clamp(0.0, 1.0)
     scales = [torch.nn.functional.interpolate(exact, size=s, mode="nearest") for s in size]
-    assert float(supervised_depth(scales, depth)) == pytest.approx(0.0, abs=1e-7)
+    assert float(supervised_depth(scales, depth)) == pytest.approx(0.0, abs=1e-5)
     rgb = torch.rand(2, 3, 16, 20)
     assert float(dissimilarity(rgb, rgb).abs().max()) < 1e-6
     gains = torch.tensor([1.0, 4.0, 0.0])

@@ -6,13 +6,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from perception.macarons.depth_net import FARTHEST, NEAREST, depth_from_disparity, pixel_rays, project
+from perception.macarons.depth_net import NEAREST, depth_from_disparity, pixel_rays, project
 from perception.macarons.shots import DepthBatch, disparity_gradient
 
 SSIM_SHARE, SMOOTHNESS = 0.85, 1e-3
 C1, C2 = 0.01**2, 0.03**2
-FAINT = 0.06
-"""The disparity of what is one sensing range away."""
+BACKGROUND, SKY_SHARE = 2.0, 0.3
 
 
 def photometric(disparities: list[Tensor], batch: DepthBatch, sources: Tensor, source_from_target: Tensor,
@@ -52,15 +51,18 @@ def dissimilarity(a: Tensor, b: Tensor) -> Tensor:
 
 
 def supervised_depth(disparities: list[Tensor], depth: Tensor) -> Tensor:
-    """Mean relative error of disparities to those of true depths (b, 1, h, w), in sensing ranges, inf in the sky; four
-    scales. Relative to at least FAINT, else the sky's zeros, half of many pictures, would draw all disparities to 0."""
-    scale = 1.0 / NEAREST - 1.0 / FARTHEST
-    truth = ((1.0 / depth.clamp(min=NEAREST) - 1.0 / FARTHEST) / scale).clamp(0.0, 1.0)
+    """Mean absolute logarithm of predicted over true depth (b, 1, h, w), in sensing ranges, inf in the sky.
+
+    At four scales. Beyond BACKGROUND ranges nothing is asked but to be as far: SKY_SHARE of what is nearer than that.
+    """
+    near = (depth < BACKGROUND).to(depth.dtype)
+    truth = depth.clamp(NEAREST, BACKGROUND).log()
     total = depth.new_zeros(())
     for disparity in disparities:
         size = disparity.shape[-2:]
-        wanted = functional.interpolate(truth, size=size, mode="nearest")
-        total = total + ((disparity - wanted).abs() / (wanted + FAINT)).mean()
+        wanted, weight = (functional.interpolate(x, size=size, mode="nearest") for x in (truth, near))
+        beyond = depth_from_disparity(disparity).log() - wanted
+        total = total + (weight * beyond.abs() + (1.0 - weight) * SKY_SHARE * functional.relu(-beyond)).mean()
     return total / len(disparities)
 
 
