@@ -10,6 +10,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +106,11 @@ class PoseLattice:
 
     def steps_along(self, open_edges: NDArray[np.bool_]) -> Indices:
         """`steps` without those that leave a position (p, 6) along an axis step that is not open."""
-        allowed = np.repeat(np.repeat(open_edges, self.orientations, axis=0), len(TURNS), axis=1)
-        return np.where(allowed, self.steps, UNREACHED)
+        return np.where(self.per_step(open_edges), self.steps, UNREACHED)
+
+    def per_step(self, edges: NDArray[Any]) -> NDArray[Any]:
+        """(len, 30) per pose and step, from (p, 6) per position and axis step."""
+        return np.repeat(np.repeat(edges, self.orientations, axis=0), len(TURNS), axis=1)
 
 
 def fewest_steps(steps: Indices, start: int) -> Indices:

@@ -107,15 +107,14 @@ class Explored:
 
         return self._edges(is_open)
 
-    def clear_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) those of them along which all that the vehicle's body sweeps of the object's box was seen to be free.
+    def known_free_edges(self) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free.
         Unknown space elsewhere is taken for free: the object is not there."""
         unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
         unknown[box] = self.grid.state[box] == UNKNOWN
         near = VOXEL * (ndimage.distance_transform_edt(~unknown) - 0.5) < self.radius
-        return self.open_edges() & self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))]
-                                               .any(axis=0))
+        return self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))].any(axis=0))
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""

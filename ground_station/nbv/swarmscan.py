@@ -16,7 +16,7 @@ from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from missions.camera import Pose
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
-from missions.pose_lattice import TURNS, Index5
+from missions.pose_lattice import Index5
 from perception.imagination.imagine import Imagination
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
@@ -33,7 +33,7 @@ class Swarmscan:
     """See the module."""
 
     def __init__(self, brief: TrialBrief) -> None:
-        self._brief, self._lattice = brief, brief.lattice
+        self._lattice = brief.lattice
         self._explored = Explored(brief)
         self._imagination, self._spec = Imagination.load(), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
@@ -94,10 +94,8 @@ class Swarmscan:
 
     def _passable(self) -> Array:
         """(n, 30) how likely each step of the lattice is open."""
-        edges = np.where(self._explored.clear_edges(), 1.0,
-                         np.where(self._explored.open_edges(), MAYBE_OPEN, 0.0))
-        result: Array = np.repeat(np.repeat(edges, len(TURNS), axis=1), self._lattice.orientations, axis=0)
-        return result
+        likely = np.where(self._explored.known_free_edges(), 1.0, MAYBE_OPEN)
+        return self._lattice.per_step(np.where(self._explored.open_edges(), likely, 0.0))
 
     def _first_steps(self, vehicle: int, candidates: list[Index5], passable: Array) -> list[int]:
         """Candidates that are known to be clear and new; else clear; else back; else any."""
