@@ -30,7 +30,7 @@ COMMANDS = (
     Command("vehicle", "vehicle.__main__:main", "one vehicle process alone"),
     Command("sim-bridge", "sim_bridge.__main__:main", "the simulated world alone"),
     Command("reconstruct", "ground_station.stages:main_reconstruct", "pictures of a run to cloud and mesh"),
-    Command("evaluate", "ground_station.stages:main_evaluate", "measure a run against the truth"),
+    Command("evaluate", "ground_station.stages:main_evaluate", "measure a run, or any cloud, against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
     Command("macarons", "ground_station.macarons_command:main", "missions and views from and for MACARONS and Blender"),

@@ -16,6 +16,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from ground_station import cloud_evaluation
 from ground_station.report.measure import measure
 from ground_station.report.metrics import assemble
 from ground_station.report.page import write_page
@@ -110,18 +111,28 @@ def main_reconstruct(argv: list[str]) -> int:
 
 
 def main_evaluate(argv: list[str]) -> int:
-    """`swarmscan evaluate RUN`."""
+    """`swarmscan evaluate RUN`, or `swarmscan evaluate CLOUD --reference MESH`."""
     options = _options("evaluate", argv)
+    asked = None if Path(options.target).is_dir() else cloud_evaluation.request(options)
     with _progress() as tell:
         tell("measure", 0, 1)
-        document = evaluate_run(_run_folder(options))
+        document = evaluate_run(_run_folder(options)) if asked is None else cloud_evaluation.evaluate_cloud(asked)
         tell("measure", 1, 1)
-    lines = [f"C2C completeness at {t} m: {_share(v)}" for t, v in document["c2c"]["completeness"].items()]
-    c2m = document["c2m"]
-    lines.append(f"C2M mean {_metres(c2m['mean_m'])}, RMS {_metres(c2m['rms_m'])}, "
-                 f"within 2 cm {_share(c2m['within_2cm'])}")
-    _print(options, document, "\n".join([*lines, *document["notes"]]))
+    _print(options, document, "\n".join([*_findings(document), *document["notes"]]))
     return 0
+
+
+def _findings(document: dict[str, Any]) -> Iterator[str]:
+    """What was measured, a line each."""
+    for t, v in document["c2c"]["completeness"].items():
+        yield f"C2C completeness at {t} m: {_share(v)}"
+    c2m = document["c2m"]
+    for name, v in ((f"on a {100 * c2m['resampled_m']:g} cm grid", c2m), ("as it is", c2m["as_it_is"])):
+        yield (f"C2M {name}: mean {_metres(v['mean_m'])}, median {_metres(v['median_m'])}, RMS {_metres(v['rms_m'])}, "
+               f"within 2 cm {_share(v['within_2cm'])}")
+    for part in document["parts"] if len(document["parts"]) > 1 else []:
+        yield (f"  {part['part']} ({_share(part['share'])} of the surface): completeness "
+               f"{_share(part['completeness'])}, C2M mean {_metres(part['mean_m'])}, RMS {_metres(part['rms_m'])}")
 
 
 def main_report(argv: list[str]) -> int:
@@ -152,15 +163,18 @@ def _stage(arguments: list[str]) -> int:
 
 def _options(name: str, argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=f"swarmscan {name}", description=(MAINS[name].__doc__ or "").strip("`"))
-    parser.add_argument("run", help="the run folder that 'swarmscan fly' made")
+    cloud = " or a cloud (PLY, PCD, XYZ, PTS)" if name == "evaluate" else ""
+    parser.add_argument("target", metavar="RUN", help=f"the run folder that 'swarmscan fly' made{cloud}")
     parser.add_argument("--json", action="store_true", help="print one JSON document on stdout")
     if name == "reconstruct":
         parser.add_argument("--keep-depth", "--keep", action="store_true", help="keep the depth maps in RUN/depth")
+    if name == "evaluate":
+        cloud_evaluation.add_options(parser)
     return parser.parse_args(argv)
 
 
 def _run_folder(options: argparse.Namespace) -> RunFolder:
-    root = Path(options.run)
+    root = Path(options.target)
     if not root.is_dir():
         raise UserError(f"{root}: no such run folder; give the folder that 'swarmscan fly' made.")
     return RunFolder(root.resolve())

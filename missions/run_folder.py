@@ -56,7 +56,8 @@ class RunFolder:
 
     @property
     def truth_samples(self) -> Path:
-        """Points spread evenly over the exposed surface: arrays `points` and `normals`, each (n, 3) float32."""
+        """Points spread evenly over the exposed surface: arrays `points` and `normals`, each (n, 3) float32, with the
+        names of the object's `parts` and the part of every sample and of every triangle of the mesh."""
         return self.truth / "reference_samples.npz"
 
     @property

@@ -28,7 +28,7 @@ from sim_bridge.scenes.export import export_mesh
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
 from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
-from sim_bridge.verdict import COVERAGE_POINTS, reference_points, write_reference, write_verdict
+from sim_bridge.verdict import COVERAGE_POINTS, reference_surface, write_reference, write_verdict
 from sim_bridge.world import World
 
 log = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ def check_columns(mission: Mission, site: SiteBrief, truth: Truth) -> None:
 
 def _coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth) -> Coverage:
     """Reference points, and what of them can be seen from where the mission's views may stand."""
-    points, _ = reference_points(scene, site, COVERAGE_POINTS)
+    points = reference_surface(scene, site, COVERAGE_POINTS).points_enu_m
     coverage = Coverage(truth, points, mission.explore.sensing_range_m)
     positions = view_positions(*camera_bounds(mission, site), mission.explore)
     clearance = truth.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS))

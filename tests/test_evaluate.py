@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
-from hypothesis import given
+import trimesh
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ground_station import stages
+from ground_station.cloud_evaluation import Request, evaluate_cloud, read_any_cloud
+from missions.errors import UserError
 from perception.evaluate import accuracy
+from perception.evaluate.alignment import by_icp, by_markers
 from perception.evaluate.completeness import completeness, distances_to_cloud
+from perception.evaluate.reference import read_reference
+from perception.reconstruct.cloud import Cloud, write_cloud
 
 SQUARE = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
+CLOUDCOMPARE_DISTANCE = 6
+"""Its column in an exported cloud: x, y, z, red, green, blue, distance, normal."""
 
 
 def grid(z: float = 0.0) -> np.ndarray:
@@ -23,14 +37,14 @@ def test_identical_cloud_is_perfect() -> None:
     distances = distances_to_cloud(grid().astype(np.float64), grid())
     assert distances.max() == 0.0
     assert set(completeness(distances).values()) == {1.0}
-    plain = accuracy.exact(accuracy.signed_distances(grid(), SQUARE, FACES))
+    plain = accuracy.exact(accuracy.distances_to_mesh(grid(), SQUARE, FACES)[0])
     assert plain.mean_m == pytest.approx(0.0, abs=1e-6)
     assert plain.within_2cm == 1.0
 
 
 @given(st.floats(-0.3, 0.3))
 def test_shifted_plane_has_its_shift_as_error(shift: float) -> None:
-    signed = accuracy.signed_distances(grid(shift), SQUARE, FACES)
+    signed, _ = accuracy.distances_to_mesh(grid(shift), SQUARE, FACES)
     np.testing.assert_allclose(signed, shift, atol=1e-6)
     overall = accuracy.binned(*accuracy.histogram(signed))
     assert overall.mean_m == pytest.approx(abs(shift), abs=0.6 * accuracy.BIN_M)
@@ -69,7 +83,7 @@ def test_edges_of_bins_lie_at_two_centimetres() -> None:
 
 
 def test_sign_is_the_side_of_the_surface() -> None:
-    signed = accuracy.signed_distances(np.array([[1, 1, 0.1], [1, 1, -0.1]], np.float32), SQUARE, FACES)
+    signed, _ = accuracy.distances_to_mesh(np.array([[1, 1, 0.1], [1, 1, -0.1]], np.float32), SQUARE, FACES)
     np.testing.assert_allclose(signed, [0.1, -0.1], atol=1e-6)
 
 
@@ -78,7 +92,107 @@ def test_trimming_forgets_gross_errors() -> None:
 
 
 def test_nothing_measured_is_unknown_not_zero() -> None:
-    assert completeness(np.zeros(0)) == {"0.10": None, "0.20": None, "0.25": None, "0.50": None}
+    assert completeness(np.zeros(0)) == {"0.05": None, "0.10": None, "0.20": None, "0.25": None, "0.50": None}
     assert accuracy.binned(*accuracy.histogram(np.zeros(0))) == accuracy.Accuracy(None, None, None, 0)
     assert accuracy.exact(np.zeros(0)).mean_m is None
     assert np.all(np.isinf(distances_to_cloud(np.zeros((3, 3)), np.zeros((0, 3), np.float32))))
+
+
+def box_cloud(rng: np.random.Generator, noise_m: float = 0.004) -> tuple[trimesh.Trimesh, Cloud]:
+    """A box and noisy points on it; a side is missing."""
+    box = trimesh.creation.box((4.0, 3.0, 2.0))
+    points, rows = trimesh.sample.sample_surface(box, 40_000, seed=1)
+    normals = box.face_normals[rows]
+    kept = normals[:, 0] < 0.5
+    noisy = points[kept] + noise_m * rng.normal(size=(kept.sum(), 1)) * normals[kept]
+    n = len(noisy)
+    return box, Cloud(noisy.astype(np.float32), np.zeros((n, 3), np.uint8), normals[kept].astype(np.float32),
+                      np.full(n, 4, np.uint8))
+
+
+def written(folder: Path) -> tuple[Path, Path]:
+    box, cloud = box_cloud(np.random.default_rng(0))
+    box.export(folder / "box.ply")
+    write_cloud(cloud, folder / "cloud.ply")
+    return folder / "cloud.ply", folder / "box.ply"
+
+
+def test_a_missing_side_is_missing_and_the_rest_as_noisy_as_it_was_made(tmp_path: Path) -> None:
+    cloud, mesh = written(tmp_path)
+    found = evaluate_cloud(Request(cloud, mesh))
+    side = 3 * 2 / (2 * (4 * 3 + 4 * 2 + 3 * 2))
+    assert 0.6 * side < found["c2c"]["missing"] < side
+    assert found["c2m"]["as_it_is"]["rms_m"] == pytest.approx(0.004, rel=0.05)
+    assert found["c2m"]["as_it_is"]["mean_m"] == pytest.approx(0.004 * np.sqrt(2 / np.pi), rel=0.05)
+    assert found["c2m"]["within_2cm"] == 1.0
+    recall = found["c2c"]["completeness"]["0.10"]
+    assert found["c2m"]["f_score"]["0.10"] == pytest.approx(2 * recall / (1 + recall))
+
+
+@given(st.floats(-0.05, 0.05), st.floats(-0.15, 0.15))
+@settings(max_examples=10, deadline=None)
+def test_icp_takes_a_small_displacement_back(angle_rad: float, shift_m: float) -> None:
+    box, cloud = box_cloud(np.random.default_rng(0))
+    samples, rows = trimesh.sample.sample_surface(box, 20_000, seed=2)
+    moved = trimesh.transformations.rotation_matrix(angle_rad, [0.3, 0.2, 1.0])
+    moved[:3, 3] = shift_m
+    displaced = cloud.points_enu_m[::4] @ moved[:3, :3].T + moved[:3, 3]
+    back = by_icp(displaced, samples, box.face_normals[rows]).reference_from_cloud @ moved
+    np.testing.assert_allclose(back, np.eye(4), atol=3e-3)
+
+
+@given(st.floats(0.2, 5.0), st.floats(-3, 3))
+def test_markers_give_back_the_similarity_that_moved_them(scale: float, angle_rad: float) -> None:
+    places = np.array([[0.0, 0, 0], [4, 1, 0], [0, 3, 1], [2, 2, 5]])
+    moved = trimesh.transformations.rotation_matrix(angle_rad, [1.0, -0.4, 0.3])[:3, :3]
+    cloud = (places - [1.0, 2.0, 3.0]) @ moved / scale
+    found = by_markers(cloud, places, scale=True)
+    np.testing.assert_allclose(found.apply(cloud), places, atol=1e-9)
+    assert found.rms_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_parts_are_measured_apart_and_ground_can_be_left_out(tmp_path: Path) -> None:
+    scene = trimesh.Scene({"wall": trimesh.creation.box((4.0, 0.2, 3.0)),
+                           "slab": trimesh.creation.box((9.0, 9.0, 0.2)).apply_translation((0, 0, -1.8))})
+    scene.export(tmp_path / "two.glb")
+    points, _ = trimesh.sample.sample_surface(scene.geometry["wall"], 20_000, seed=3)
+    trimesh.PointCloud(points).export(tmp_path / "wall.ply")
+    found = evaluate_cloud(Request(tmp_path / "wall.ply", tmp_path / "two.glb"))
+    parts = {p["part"]: p for p in found["parts"]}
+    assert parts["wall"]["completeness"] == 1.0
+    assert parts["slab"]["completeness"] < 0.1
+    without = evaluate_cloud(Request(tmp_path / "wall.ply", tmp_path / "two.glb", ground_up_m=-1.7))
+    assert without["c2c"]["completeness"]["0.25"] == 1.0
+
+
+@pytest.mark.parametrize(("arguments", "named"), [
+    (["none.ply", "--reference", "box.ply"], "none.ply"),
+    (["cloud.ply"], "--reference"),
+    (["cloud.ply", "--reference", "none.obj"], "none.obj"),
+    (["cloud.ply", "--reference", "cloud.ply"], "must be a mesh"),
+    (["cloud.ply", "--reference", "box.ply", "--align", "markers"], "--markers"),
+    (["cloud.ply", "--reference", "box.ply", "--align", "markers", "--markers", "m.csv"], "up_m"),
+    (["cloud.ply", "--reference", "box.ply", "--scale"], "--scale"),
+    (["cloud.ply", "--reference", "box.ply", "--min-confidence", "9"], "--min-confidence"),
+])
+def test_bad_input_is_told_in_a_sentence(arguments: list[str], named: str, tmp_path: Path,
+                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path)
+    Path("m.csv").write_text("name,cloud_x_m,cloud_y_m,cloud_z_m,east_m,north_m\nA,0,0,0,0,0\n")
+    with pytest.raises(UserError, match=named):
+        stages.main_evaluate(arguments)
+
+
+@pytest.mark.skipif(shutil.which("CloudCompare") is None, reason="CloudCompare (Debian package) is not installed")
+def test_distances_are_those_of_cloudcompare(tmp_path: Path) -> None:
+    cloud, mesh = written(tmp_path)
+    command = ["CloudCompare", "-SILENT", "-AUTO_SAVE", "OFF", "-O", str(cloud), "-O", str(mesh), "-C2M_DIST",
+               "-C_EXPORT_FMT", "ASC", "-SEP", "SPACE", "-SAVE_CLOUDS", "FILE", str(tmp_path / "cc.asc")]
+    subprocess.run(command, env={**os.environ, "QT_QPA_PLATFORM": "offscreen"}, check=True, capture_output=True)
+    theirs = np.loadtxt(tmp_path / "cc.asc")
+    reference = read_reference(mesh)
+    ours, _ = accuracy.distances_to_mesh(read_any_cloud(cloud).points_enu_m, reference.vertices_enu_m,
+                                         reference.triangles)
+    np.testing.assert_allclose(read_any_cloud(cloud).points_enu_m, theirs[:, :3], atol=1e-5)
+    np.testing.assert_allclose(ours, theirs[:, CLOUDCOMPARE_DISTANCE], atol=1e-5)

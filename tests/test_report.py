@@ -141,8 +141,8 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     titles = re.findall(r"<h2>(.*?)</h2>", text)
     assert titles == ["The reconstruction", "Exploration coverage", "Battery", "Tours", "Vehicles over time",
                       "Distances between vehicles", "Energy predicted and used", "Vehicles and views",
-                      "Completeness (C2C)", "Accuracy (C2M)", "Where it is good, and what is missing",
-                      "Survey pictures", "Time and memory on this machine", "Notes"]
+                      "Completeness (C2C)", "Accuracy (C2M)", "By part", "Confidence and error",
+                      "Where it is good, and what is missing", "Survey pictures", "Time and memory on this machine", "Notes"]
 
 
 def test_json_is_the_only_thing_on_stdout(done: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:

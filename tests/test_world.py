@@ -262,6 +262,9 @@ def test_the_process_flies_a_mission_and_leaves_the_truth(tmp_path: Path) -> Non
     with np.load(tmp_path / "truth" / "reference_samples.npz") as samples:
         assert samples["points"].shape == samples["normals"].shape
         assert len(samples["points"]) > 10_000
+        assert len(samples["parts"]) == 1
+        assert samples["sample_part"].shape == (len(samples["points"]),)
+        assert samples["triangle_part"].tolist() == [0] * 12
     assert len(trimesh.load_mesh(tmp_path / "truth" / "reference.ply").faces) == 12
     record = json.loads((tmp_path / "processes" / "bridge.json").read_text(encoding="utf-8"))
     assert record["frames"] == 3

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
 from perception.evaluate import accuracy
+from perception.evaluate.comparison import Comparison
 from perception.reconstruct.cloud import Cloud
 
 VEHICLE_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#882255")
@@ -103,7 +103,7 @@ def _simplified(path: Any) -> Any:
     return path if len(path) < 3 else np.concatenate([path[:-1:5], path[-1:]])
 
 
-def c2c_histogram(measured: Measured) -> go.Figure:
+def c2c_histogram(measured: Comparison) -> go.Figure:
     """Area of the true surface by distance to the nearest reconstructed point; farther than 1 m in the last bar."""
     edges = np.arange(0.0, 1.05, 0.05)
     counts, _ = np.histogram(np.minimum(measured.c2c_m, 0.999), edges)
@@ -117,9 +117,9 @@ def c2c_histogram(measured: Measured) -> go.Figure:
     return figure
 
 
-def c2m_histogram(measured: Measured) -> go.Figure:
+def c2m_histogram(measured: Comparison) -> go.Figure:
     """Points of the cloud by signed distance to the true mesh, in bins of 1 mm within +-10 cm."""
-    counts, centres = accuracy.histogram(measured.c2m_m)
+    counts, centres = accuracy.histogram(measured.uniform_c2m_m)
     shown = np.abs(centres) <= 0.1
     total = max(1, int(counts.sum()))
     colours = [GOOD if abs(c) <= accuracy.INLIER_M else "#b8c0cc" for c in centres[shown]]

@@ -5,14 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from ground_station.report.energy import energy_numbers
-from ground_station.report.measure import Measured, c2c_numbers, c2m_numbers
 from ground_station.report.run_data import RunData
+from perception.evaluate.comparison import (
+    Comparison,
+    c2c_numbers,
+    c2m_numbers,
+    confidence_numbers,
+    part_numbers,
+)
 
 FLEET_KEYS = ("makespan_s", "path_m", "battery_end_percent", "views_flown", "views_reassigned", "views_unreachable")
 COVERAGE_KEYS = ("final", "ceiling", "auc", "per_view")
 
 
-def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
+def assemble(data: RunData, measured: Comparison | None) -> dict[str, Any]:
     """The document. Shares are 0-1, lengths metres, times seconds."""
     fleet, coverage = data.flight.get("fleet") or {}, data.referee.get("coverage") or {}
     return {
@@ -23,6 +29,8 @@ def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
         "coverage": {key: coverage.get(key) for key in COVERAGE_KEYS},
         "c2c": c2c_numbers(measured),
         "c2m": c2m_numbers(measured),
+        "parts": [] if measured is None else part_numbers(measured),
+        "confidence": [] if measured is None else confidence_numbers(measured),
         "fleet": {key: fleet.get(key) for key in FLEET_KEYS},
         "energy": energy_numbers(data),
         "timing_s": timing(data),

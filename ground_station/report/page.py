@@ -11,7 +11,6 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from ground_station.report import charts, renderings, tables, time_charts
-from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
 from ground_station.report.sections import chart, chart_section, pair, section
 from ground_station.report.splat import Pixels, data_uri
@@ -19,18 +18,19 @@ from ground_station.report.style import CSS, SCRIPT
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
 from ground_station.report.thesis_page import thesis_part
 from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_numbers, percent
+from perception.evaluate.comparison import Comparison
 from perception.reconstruct.cloud import Cloud, read_cloud
 
 SAMPLE_PICTURES = 6
 THUMBNAIL_PX = 560
 
 
-def write_page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> None:
+def write_page(data: RunData, measured: Comparison | None, metrics: dict[str, Any]) -> None:
     """Write report.html from whatever is known; sections with nothing to show are left out."""
     data.run.report.write_text(page(data, measured, metrics), encoding="utf-8")
 
 
-def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> str:
+def page(data: RunData, measured: Comparison | None, metrics: dict[str, Any]) -> str:
     """The whole page as HTML."""
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
@@ -111,7 +111,7 @@ def _over_time(data: RunData, metrics: dict[str, Any]) -> str:
                       tables.energy(metrics)))
 
 
-def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Reported) -> str:
+def _measurements(measured: Comparison | None, metrics: dict[str, Any], thesis: Reported) -> str:
     if measured is None:
         return ""
     left = section("Completeness (C2C)", "Distance from each sample of the true exposed surface to the nearest "
@@ -121,10 +121,13 @@ def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Re
     right = section("Accuracy (C2M)", f"Signed distance from each point of the cloud, resampled to {spacing:g} cm, to "
                     "the true mesh. Green is within ±2 cm.",
                     chart(charts.c2m_histogram(measured)) + tables.accuracy(metrics, thesis))
-    return f"<div class=two>{left}{right}</div>"
+    return pair(left, right) + pair(
+        section("By part", "The object's parts as the scene names them.", tables.parts(metrics)),
+        section("Confidence and error", "Does the number of agreeing depth maps tell how good a point is?",
+                tables.confidence(metrics)))
 
 
-def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None) -> str:
+def _regions(data: RunData, cloud: Cloud | None, measured: Comparison | None) -> str:
     if cloud is None:
         return ""
     shown, spacing = renderings.thinned(cloud, data.mission.reconstruct.cloud_spacing_m)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ground_station.report.measure import Measured
 from ground_station.report.splat import Pixels, ramp, splat
+from perception.evaluate.comparison import MISSING_M, Comparison
 from perception.reconstruct.cloud import Cloud, on_grid
 
 CONFIDENCE_STOPS = ((178, 24, 43), (244, 165, 80), (255, 224, 120), (120, 198, 121), (0, 104, 90))
-MISSING_FROM_M, ABSENT_FROM_M = 0.25, 0.50
+ABSENT_M = 0.50
 MISSING_COLOUR, PARTIAL_COLOUR, PRESENT_COLOUR = (200, 30, 40), (240, 150, 50), (196, 202, 210)
 WIDTH_PX, HERO_WIDTH_PX = 760, 1180
 SHOWN_SPACING_M = 0.05
@@ -55,12 +55,12 @@ def by_confidence(cloud: Cloud, spacing_m: float, least: int) -> list[tuple[str,
     return [(s.name, _render(cloud.points_enu_m, colours, s, WIDTH_PX, spacing_m)) for s in SIDES]
 
 
-def missing(measured: Measured) -> list[tuple[str, Pixels]]:
+def missing(measured: Comparison) -> list[tuple[str, Pixels]]:
     """The true surface: grey where reconstructed, orange 25-50 cm from the cloud, red where farther."""
-    points = measured.samples_enu_m.astype(np.float32)
+    points = measured.reference.samples_enu_m.astype(np.float32)
     colours = np.full((len(points), 3), PRESENT_COLOUR, dtype=np.uint8)
-    colours[measured.c2c_m > MISSING_FROM_M] = PARTIAL_COLOUR
-    colours[measured.c2c_m > ABSENT_FROM_M] = MISSING_COLOUR
+    colours[measured.c2c_m > MISSING_M] = PARTIAL_COLOUR
+    colours[measured.c2c_m > ABSENT_M] = MISSING_COLOUR
     few = points[:: max(1, len(points) // 2000)]
     spacing_m = float(np.median(cKDTree(points).query(few, k=4)[0][:, 3]))
     return [(s.name, _render(points, colours, s, WIDTH_PX, 1.5 * spacing_m)) for s in SIDES]

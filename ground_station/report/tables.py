@@ -10,6 +10,8 @@ from ground_station.report.run_data import RunData
 from ground_station.report.thesis import Reported
 from ground_station.report.tiles import clock, millimetres, number, percent
 
+SHOWN_PARTS = 12
+
 
 def table(head: list[str], rows: list[list[str]], numeric_from: int = 1) -> str:
     """Rows of finished cells; columns from numeric_from on are set right."""
@@ -30,10 +32,25 @@ def accuracy(metrics: dict[str, Any], thesis: Reported) -> str:
     """C2M in the thesis's bins, without bins, and trimmed."""
     c2m = metrics["c2m"]
     variants = [("Eqs. 4.10-4.12, all points, 1 mm bins", c2m), ("the same without bins", c2m["exact"]),
+                ("every point of the cloud, as it is", c2m["as_it_is"]),
                 (f"trimmed at 5 cm ({percent(c2m['trimmed_5cm']['share_kept'])} kept)", c2m["trimmed_5cm"])]
     rows = [[name, millimetres(v["mean_m"]), millimetres(v["rms_m"]), percent(v["within_2cm"])] for name, v in variants]
     rows.append(["thesis", millimetres(thesis.mean_m), millimetres(thesis.rms_m), percent(thesis.within_2cm)])
     return table(["Cloud against true mesh", "mean", "RMS", "within ±2 cm"], rows)
+
+
+def parts(metrics: dict[str, Any]) -> str:
+    """Completeness and error by part of the object, largest first."""
+    rows = [[escape(p["part"]), percent(p["share"]), percent(p["completeness"]), millimetres(p["mean_m"]),
+             millimetres(p["rms_m"]), percent(p["within_2cm"])] for p in metrics["parts"][:SHOWN_PARTS]]
+    return table(["Part", "of the surface", "within 0.25 m of the cloud", "C2M mean", "RMS", "within ±2 cm"], rows)
+
+
+def confidence(metrics: dict[str, Any]) -> str:
+    """Error by the number of agreeing depth maps."""
+    rows = [[str(c["confidence"]), percent(c["kept"]), millimetres(c["median_m"]), millimetres(c["mean_m"]),
+             percent(c["within_2cm"])] for c in metrics["confidence"]]
+    return table(["Agreeing depth maps", "points of as many or more", "median error", "mean", "within ±2 cm"], rows)
 
 
 def vehicles(data: RunData, metrics: dict[str, Any]) -> str:

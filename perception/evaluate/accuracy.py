@@ -13,6 +13,7 @@ BIN_M = 0.001
 INLIER_M = 0.02
 TRIM_M = 0.05
 """The thesis sets the threshold of the exported histogram between 0 and 5 cm."""
+AT_ONCE = 500_000
 
 
 class Accuracy(msgspec.Struct, frozen=True):
@@ -24,22 +25,24 @@ class Accuracy(msgspec.Struct, frozen=True):
     points: int
 
 
-def signed_distances(points_enu_m: NDArray[np.float32], vertices_enu_m: Array, triangles: NDArray[np.int64]) -> Array:
-    """(n,) metres to the nearest triangle, positive on the side its normal points to.
+def distances_to_mesh(points_enu_m: NDArray[np.float32], vertices_enu_m: Array,
+                      triangles: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """(n,) metres to the nearest triangle, positive on the side its normal points to, and (n,) which one that is.
 
     The sign is that of the nearest triangle's side, as in CloudCompare, so the mesh need not be closed.
     """
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_enu_m, dtype=np.float32)),
                         o3d.core.Tensor.from_numpy(np.ascontiguousarray(triangles, dtype=np.uint32)))
-    result = np.zeros(len(points_enu_m))
-    for start in range(0, len(points_enu_m), 500_000):
-        block = np.ascontiguousarray(points_enu_m[start:start + 500_000], dtype=np.float32)
+    distance, triangle = np.zeros(len(points_enu_m)), np.zeros(len(points_enu_m), dtype=np.int64)
+    for start in range(0, len(points_enu_m), AT_ONCE):
+        block = np.ascontiguousarray(points_enu_m[start:start + AT_ONCE], dtype=np.float32)
         nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(block))
         offset = block - nearest["points"].numpy()
         side = np.sum(offset * nearest["primitive_normals"].numpy(), axis=1)
-        result[start:start + len(block)] = np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(offset, axis=1)
-    return result
+        distance[start:start + len(block)] = np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(offset, axis=1)
+        triangle[start:start + len(block)] = nearest["primitive_ids"].numpy()
+    return distance, triangle
 
 
 def histogram(distances_m: Array, bin_m: float = BIN_M) -> tuple[NDArray[np.int64], Array]:

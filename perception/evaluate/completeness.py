@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from missions.frames import Array
 
-THRESHOLDS_M = (0.10, 0.20, 0.25, 0.50)
+THRESHOLDS_M = (0.05, 0.10, 0.20, 0.25, 0.50)
 
 
 def distances_to_cloud(samples_enu_m: Array, cloud_enu_m: NDArray[np.float32], workers: int = 3) -> Array:

@@ -25,7 +25,7 @@ from sim_bridge.nbv.visibility import Bits, count, seen_points
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
 from sim_bridge.truth import Mask, Truth
-from sim_bridge.verdict import reference_points
+from sim_bridge.verdict import reference_surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def arena_of(scene: Scene, name: str, rules: Rules) -> Arena:
     standable, edges = _standable(truth, lattice, fleet.clearance_m, fleet.radius_m)
     site = SiteBrief(object_min_enu_m=scene.object_min_enu_m, object_max_enu_m=scene.object_max_enu_m,
                      ground_up_m=scene.ground_up_m)
-    points, _ = reference_points(scene, site, rules.points)
+    points = reference_surface(scene, site, rules.points).points_enu_m
     camera = rules.camera.explore_camera()
     seen = seen_points(truth, lattice, standable, points, camera, sensing_range_m(scene))
     return Arena(name, scene, rules, truth, lattice, camera, points, standable, edges, seen)
