@@ -25,7 +25,7 @@ from perception.macarons.losses import dissimilarity, normalised_l1, photometric
 from perception.macarons.online import supervision_m
 from perception.macarons.shots import depth_batch
 from perception.macarons.surface import Cells, Surface
-from perception.macarons.tracks import Track
+from perception.macarons.tracks import Track, depth_examples
 from perception.macarons.training import TrainingRun, TrainSettings
 from perception.macarons.weights import Networks
 from tests.walk_scene import wall_walk
@@ -134,7 +134,7 @@ def test_losses_are_zero_for_the_truth_and_gains_count_by_their_ratios(track: Tr
 
 def test_the_mirrored_world_has_mirrored_depth(track: Track) -> None:
     networks = Networks.fresh(0)
-    batch, _ = track.depth_examples(1, np.random.default_rng(1))
+    batch, _ = depth_examples([track], 1, np.random.default_rng(1))
     twice = mirrored(mirrored(batch))
     torch.testing.assert_close(twice.target, batch.target)
     torch.testing.assert_close(twice.source_from_target, batch.source_from_target)

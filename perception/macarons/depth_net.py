@@ -20,6 +20,8 @@ SKIPS = (3, 64, 64, 128, 256)
 OUTPUTS = 4
 SHARPNESS = 30.0
 """Of the soft minimum over the planes, whose costs have deviation 1."""
+PLANES_AT_ONCE = 8
+"""Buffers of all planes at once would be fresh pages every time, and take longer to clear than to fill."""
 OUTSIDE = 3.0
 """A place beside every picture."""
 
@@ -77,18 +79,20 @@ def cost_volume(own: Tensor, others: Tensor, camera: Tensor, source_from_target:
     """(b, 96, h, w) mean distance between features (b, f, h, w) and the sources' (b, k, f, h, w), averaged over those
     that see a plane; where none does, the distance to nothing, as in MACARONS."""
     b, f, h, w = own.shape
-    with torch.no_grad():
-        rays = pixel_rays(camera, h, w)
-        points = (rays[:, None] * plane_depths(own.device)[:, None, None, None]).flatten(1, 2)
-        mean, seen = own.new_zeros(b, f, PLANES * h, w), own.new_zeros(b, 1, PLANES * h, w)
-        for i in range(others.shape[1]):
-            grid, ahead = project(points, source_from_target[:, i], camera)
-            inside = ahead & (grid.abs() <= 1.0).all(dim=-1)
-            grid = torch.where(inside[..., None], grid, OUTSIDE)
-            mean += functional.grid_sample(others[:, i], grid, align_corners=False)
-            seen += inside[:, None]
-        mean /= seen.clamp_(min=1.0)
-    return (own[:, :, None] - mean.view(b, f, PLANES, h, w)).abs().mean(dim=1)
+    rays, costs = pixel_rays(camera, h, w), []
+    for depths in plane_depths(own.device).split(PLANES_AT_ONCE):
+        with torch.no_grad():
+            points = (rays[:, None] * depths[:, None, None, None]).flatten(1, 2)
+            mean, seen = own.new_zeros(b, f, len(depths) * h, w), own.new_zeros(b, 1, len(depths) * h, w)
+            for i in range(others.shape[1]):
+                grid, ahead = project(points, source_from_target[:, i], camera)
+                inside = ahead & (grid.abs() <= 1.0).all(dim=-1)
+                grid = torch.where(inside[..., None], grid, OUTSIDE)
+                mean += functional.grid_sample(others[:, i], grid, align_corners=False)
+                seen += inside[:, None]
+            mean /= seen.clamp_(min=1.0)
+        costs.append((own[:, :, None] - mean.view(b, f, len(depths), h, w)).abs().mean(dim=1))
+    return torch.cat(costs, dim=1)
 
 
 def swept_disparity(cost: Tensor) -> Tensor:

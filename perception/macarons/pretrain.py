@@ -14,7 +14,7 @@ from perception.macarons.field import Field
 from perception.macarons.inputs import gain_batch, occupancy_batch
 from perception.macarons.learner import Learner
 from perception.macarons.losses import normalised_l1, supervised_depth
-from perception.macarons.tracks import Track
+from perception.macarons.tracks import Track, depth_examples
 
 Losses = dict[str, list[float]]
 PER_CELL = 16
@@ -22,11 +22,11 @@ DOUBT = 0.25
 """Standard deviation of the error that is put on the true occupancy of proxies the network was not asked about."""
 
 
-def depth_pass(learner: Learner, track: Track, steps: int, rng: np.random.Generator) -> Losses:
-    """Updates of depth towards true depth."""
+def depth_pass(learner: Learner, tracks: list[Track], steps: int, rng: np.random.Generator) -> Losses:
+    """Updates of depth towards true depth, each on pictures of several walks."""
     losses = []
     for _ in range(steps):
-        batch, truth = track.depth_examples(learner.settings.batch, rng)
+        batch, truth = depth_examples(tracks, learner.settings.batch, rng)
         batch = jittered(batch, rng)
         if rng.random() < 0.5:
             batch, truth = mirrored(batch), truth.flip(-1)
@@ -136,7 +136,7 @@ def validation(learner: Learner, track: Track, rng: np.random.Generator) -> dict
 def _depth_errors(learner: Learner, track: Track, rng: np.random.Generator) -> dict[str, float]:
     relative, close = [], []
     for _ in range(4):
-        batch, truth = track.depth_examples(learner.settings.batch, rng)
+        batch, truth = depth_examples([track], learner.settings.batch, rng)
         depth = depth_from_disparity(batch.predict(learner.networks.depth)[0])
         found = functional.interpolate(depth, size=truth.shape[-2:], mode="area")
         near = truth < 1.0

@@ -73,15 +73,18 @@ class Track:
             out.append(np.unique(index[:, 0] + (index[:, 1] << 16) + (index[:, 2] << 32)))
         return out
 
-    def depth_examples(self, count: int, rng: np.random.Generator) -> tuple[DepthBatch, Tensor]:
-        """Random frames, each with the two nearest of its move, and their true depth (b, 1, h, w) in ranges."""
+    def depth_example(self, rng: np.random.Generator) -> tuple[Shot, list[Shot], NDArray[np.float32]]:
+        """A random frame, the two nearest of its move, and its true depth (h, w) in ranges."""
         long = [move for move in self.moves if len(move) >= 3]
-        targets, sources, depth = [], [], []
-        for _ in range(count):
-            move = long[int(rng.integers(len(long)))]
-            k = int(rng.integers(len(move)))
-            others = sorted((n for n in range(len(move)) if n != k), key=lambda n: abs(n - k))[:2]
-            targets.append(self.shots[move[k]])
-            sources.append([self.shots[move[n]] for n in others])
-            depth.append(self.walk.depth_m[move[k]].astype(np.float32) / self.range_m)
-        return depth_batch(targets, sources, self.range_m), torch.from_numpy(np.stack(depth))[:, None]
+        move = long[int(rng.integers(len(long)))]
+        k = int(rng.integers(len(move)))
+        others = sorted((n for n in range(len(move)) if n != k), key=lambda n: abs(n - k))[:2]
+        depth = self.walk.depth_m[move[k]].astype(np.float32) / self.range_m
+        return self.shots[move[k]], [self.shots[move[n]] for n in others], depth
+
+
+def depth_examples(tracks: list[Track], count: int, rng: np.random.Generator) -> tuple[DepthBatch, Tensor]:
+    """Random frames of random tracks of one range, and their true depth (b, 1, h, w) in ranges."""
+    chosen = [tracks[int(k)].depth_example(rng) for k in rng.integers(len(tracks), size=count)]
+    batch = depth_batch([target for target, _, _ in chosen], [sources for _, sources, _ in chosen], tracks[0].range_m)
+    return batch, torch.from_numpy(np.stack([depth for _, _, depth in chosen]))[:, None]

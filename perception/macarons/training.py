@@ -14,7 +14,7 @@ from missions.errors import UserError
 from perception.macarons.learner import Learner, LearnSettings
 from perception.macarons.memory import Memory
 from perception.macarons.online import online_pass
-from perception.macarons.pretrain import Losses, depth_pass, scone_pass, validation
+from perception.macarons.pretrain import depth_pass, scone_pass, validation
 from perception.macarons.tracks import Track
 from perception.macarons.weights import Networks, load_network, load_optimiser, save_network, save_optimiser, write_json
 
@@ -31,6 +31,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Learn as in flight, from pictures alone; otherwise from the truth of the walks."""
     parts: tuple[str, ...] = NAMES
     """Networks that learn; the others stay as they are."""
+    together: int = 6
+    """Walks in memory at a time, from which the pictures of a batch of depth come."""
     depth_steps: int = 16
     """Updates of depth per walk and epoch while pretraining."""
     scone_steps: int = 8
@@ -76,29 +78,29 @@ class TrainingRun:
 
     def epoch(self, report: Report) -> None:
         """One pass over all walks in a random order, then a checkpoint."""
-        for path, rng in self._visits():
-            track = Track.read(path, self.settings.learn.picture_px, self.settings.range_m)
-            for name, losses in self._visit(track, rng).items():
+        for paths, rng in self._visits():
+            tracks = [Track.read(path, self.settings.learn.picture_px, self.settings.range_m) for path in paths]
+            for name, losses in self._visit(tracks, rng):
                 report(self.epochs, name, losses)
         self.epochs += 1
         self.save()
 
-    def _visits(self) -> Iterator[tuple[Path, np.random.Generator]]:
+    def _visits(self) -> Iterator[tuple[list[Path], np.random.Generator]]:
         rng = np.random.default_rng([self.settings.learn.seed, self.epochs])
-        for k in rng.permutation(len(self.walks)):
+        order = [self.walks[int(k)] for k in rng.permutation(len(self.walks))]
+        for first in range(0, len(order), self.settings.together):
             torch.manual_seed(int(rng.integers(2**31)))
-            yield self.walks[int(k)], rng
+            yield order[first:first + self.settings.together], rng
 
-    def _visit(self, track: Track, rng: np.random.Generator) -> Losses:
+    def _visit(self, tracks: list[Track], rng: np.random.Generator) -> Iterator[tuple[str, list[float]]]:
         s = self.settings
-        if s.online:
-            return online_pass(self.learner, self.memory, track, rng)
-        losses: Losses = {}
-        if "depth" in s.parts:
-            losses |= depth_pass(self.learner, track, s.depth_steps, rng)
-        if "occupancy" in s.parts or "gain" in s.parts:
-            losses |= scone_pass(self.learner, track, s.scone_steps, rng)
-        return losses
+        if not s.online and "depth" in s.parts:
+            yield from depth_pass(self.learner, tracks, s.depth_steps * len(tracks), rng).items()
+        for track in tracks:
+            if s.online:
+                yield from online_pass(self.learner, self.memory, track, rng).items()
+            elif "occupancy" in s.parts or "gain" in s.parts:
+                yield from scone_pass(self.learner, track, s.scone_steps, rng).items()
 
     def validate(self, walks: list[Path]) -> dict[str, float]:
         """Mean errors over walks that were not trained on; the same examples every time."""
