@@ -80,7 +80,7 @@ def cost_volume(own: Tensor, others: Tensor, camera: Tensor, source_from_target:
     that see a plane; where none does, the distance to nothing, as in MACARONS."""
     b, f, h, w = own.shape
     rays, costs = pixel_rays(camera, h, w), []
-    for depths in plane_depths(own.device).split(PLANES_AT_ONCE):
+    for depths in torch.split(plane_depths(own.device), PLANES_AT_ONCE):
         with torch.no_grad():
             points = (rays[:, None] * depths[:, None, None, None]).flatten(1, 2)
             mean, seen = own.new_zeros(b, f, len(depths) * h, w), own.new_zeros(b, 1, len(depths) * h, w)
