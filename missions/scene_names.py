@@ -62,6 +62,7 @@ FAMILIES: dict[str, tuple[str, Split]] = {
     "silo_battery": ("plant", "validation"),
     "refinery_columns": ("plant", "test"),
     "conveyor_works": ("plant", "test"),
+    "river_bridge": ("bridge", "test"),
 }
 """Structure class and split of every family."""
 

@@ -17,7 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from ground_station.launcher import prepare
 from missions.camera import Camera
 from missions.errors import UserError
-from missions.mission import SceneSpec, SiteSpec
+from missions.messages import SiteBrief
+from missions.mission import Mission, SceneSpec, SiteSpec
+from missions.pads import takeoff_points
 from missions.scene_names import BUILT_IN as NAMED
 from missions.scene_names import FAMILIES, SPLITS, STRUCTURES, FamilyScene, families_of, parse_family
 from sim_bridge.render.gallery import Card, whole_object, write_gallery
@@ -29,8 +31,10 @@ from sim_bridge.scenes.families.make import make_family
 from sim_bridge.scenes.families.registry import GENERATORS, member, member_parts
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.repair import Repairs, mended, without_doubles
+from sim_bridge.scenes.river import WATER
 from sim_bridge.scenes.scene import Part
 from sim_bridge.scenes.solids import joined
+from sim_bridge.scenes.surroundings import PREFIX
 
 SEEDS = (1, 2)
 LARGEST_M, TALLEST_M = 75.0, 56.0
@@ -147,6 +151,25 @@ def test_launcher_takes_a_family_s_scene_and_refuses_a_wrong_one(tmp_path: Path)
     for wrong in ("family:church:x", "family:temple:1", "nowhere.glb"):
         with pytest.raises(UserError):
             prepare(options(wrong))
+
+
+def test_the_river_flows_under_the_bridge_and_nothing_grows_in_it() -> None:
+    scene = make_family("river_bridge", 4)
+    parts = {p.name: p for p in scene.parts}
+    water = parts[WATER]
+    assert [p.name for p in scene.parts if p.water] == [WATER]
+    low, high = water.vertices_enu_m.min(axis=0), water.vertices_enu_m.max(axis=0)
+    assert low[2] == high[2] < scene.ground_up_m == 0.0
+    assert low[0] > scene.object_min_enu_m[0]
+    assert high[0] < scene.object_max_enu_m[0]
+    for name in ("trunks", "rocks"):
+        x = parts[PREFIX + name].vertices_enu_m[:, 0]
+        assert ((x < low[0]) | (x > high[0])).all()
+    site = SiteBrief(object_min_enu_m=scene.object_min_enu_m, object_max_enu_m=scene.object_max_enu_m, ground_up_m=0.0)
+    pads = np.array(takeoff_points(Mission(title="river"), site))
+    weir = parts[PREFIX + "weir"].vertices_enu_m
+    assert (weir[:, :2].min(axis=0) < pads[:, :2].min(axis=0)).all()
+    assert (pads[:, 1] > weir[weir[:, 1] < scene.object_min_enu_m[1]][:, 1].min()).all()
 
 
 def test_gallery_shows_scenes_with_their_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

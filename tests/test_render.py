@@ -177,6 +177,38 @@ def test_sky_is_at_infinity_and_not_uniform(renderer: Renderer) -> None:
     assert sky.std(axis=(0, 1)).max() > 4
 
 
+def pond() -> Scene:
+    """Water as far as one sees, at height 0."""
+    side = 300.0 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    water = dataclasses.replace(part("water", side, (60, 80, 70)), water=True)
+    return Scene("pond", [water], (-4.0, -4.0, -1.0), (4.0, 4.0, 5.0), 0.0)
+
+
+@pytest.mark.parametrize("backend", ["egl", "raycast"])
+def test_waves_of_two_pictures_have_nothing_in_common(backend: Literal["egl", "raycast"]) -> None:
+    low = Pose((0.0, 0.0, 3.0), 0.5, math.radians(-25.0))
+    renderer = make(backend, pond())
+    first, again, other = (renderer.render(CAMERA, low, [], key).astype(float)[60:].mean(axis=-1) for key in (1, 1, 2))
+    renderer.close()
+    assert np.array_equal(first, again)
+    fine, fine_other = (gray - cv2.blur(gray, (15, 15)) for gray in (first, other))
+    assert fine.std() > 1.0
+    assert abs(np.corrcoef(fine.ravel(), fine_other.ravel())[0, 1]) < 0.1
+
+
+def test_water_mirrors_the_sky_the_more_the_flatter_it_is_looked_at() -> None:
+    sky = {}
+    for backend in ("egl", "raycast"):
+        renderer = make(backend, pond())
+        level = Pose((0.0, 0.0, 3.0), 0.5, 0.0)
+        rgb = renderer.render(CAMERA, level, [], 0).astype(float)
+        renderer.close()
+        sky[backend] = rgb[130:].mean(axis=1)
+        above, far, near = (rgb[rows].mean(axis=(0, 1)) for rows in (slice(90, 100), slice(130, 140), slice(246, 256)))
+        assert np.abs(far - above).max() < np.abs(near - above).max() / 2
+    assert np.abs(sky["egl"] - sky["raycast"]).mean() < 4.0
+
+
 def test_renderers_side_by_side_do_not_disturb_each_other() -> None:
     box = ((1.5, -3.0, 2.5), (1.0, 1.0, 1.0))
     first = make("egl", small_scene())

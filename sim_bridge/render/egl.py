@@ -14,7 +14,7 @@ from missions.camera import Camera, Pose
 from missions.mission import CameraSpec, RenderSpec
 from sim_bridge.render import shaders
 from sim_bridge.render.geometry import Box, Geometry, boxes_geometry, geometry_of
-from sim_bridge.render.light import GRAIN_PERIODS_M, Bytes, land_irradiance, make_light
+from sim_bridge.render.light import GRAIN_PERIODS_M, Bytes, land_irradiance, make_light, wave_drift
 from sim_bridge.render.sensor import SensorNoise
 from sim_bridge.render.shadow import fit_shadow
 from sim_bridge.scenes.scene import Scene
@@ -66,7 +66,7 @@ class EglRenderer:
     def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
         """Raises EglUnavailableError."""
         self._context = _make_context()
-        self._ground_up_m = scene.ground_up_m
+        self._ground_up_m, self._seed = scene.ground_up_m, seed
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
         self._light = make_light(spec, seed)
         self._shadow_frame = fit_shadow(scene, self._light.to_sun_enu)
@@ -87,6 +87,7 @@ class EglRenderer:
         with self._context:
             self._set_boxes(boxes)
             self._set_camera(camera, pose)
+            self._water_program["drift"].write(wave_drift(self._seed, noise_key))
             rgb = self._draw(self._target(camera.width_px, camera.height_px))
         self._noise.add_to(rgb, noise_key)
         return rgb
@@ -127,6 +128,9 @@ class EglRenderer:
             program["shadow_offset_m"].value = frame.offset_m
             program["grain"].value, program["shadow"].value = GRAIN_UNIT, SHADOW_UNIT
         self._programs[1]["picture"].value = PICTURE_UNIT
+        self._water_program = c.program(shaders.WATER_VERTEX, shaders.water_fragment())
+        self._water_program["sky"].value, self._water_program["grain"].value = SKY_UNIT, GRAIN_UNIT
+        self._water_program["land_irradiance"].value = tuple(land_irradiance(self._light.to_sun_enu))
         self._make_shared_textures()
 
     def _make_shared_textures(self) -> None:
@@ -162,9 +166,11 @@ class EglRenderer:
         positions, color, uv, faces = buffers
         plain = [(positions, "3f", "in_position"), (color, "4f1", "in_color")]
         arrays = [c.vertex_array(self._programs[0], plain, faces),
-                  c.vertex_array(self._programs[1], [*plain, (uv, "2f", "in_uv")], faces)]
+                  c.vertex_array(self._programs[1], [*plain, (uv, "2f", "in_uv")], faces),
+                  c.vertex_array(self._water_program, plain[:1], faces)]
         caster = c.vertex_array(self._shadow_program, plain[:1], faces)
-        draws = [_Draw(arrays[batch.texture is not None], 3 * batch.first_face, 3 * batch.face_count,
+        draws = [_Draw(arrays[2 if batch.water else int(batch.texture is not None)],
+                       3 * batch.first_face, 3 * batch.face_count,
                        None if batch.texture is None else self._upload_texture(batch.texture))
                  for batch in geometry.batches]
         textures = [draw.texture for draw in draws if draw.texture is not None]
@@ -196,7 +202,7 @@ class EglRenderer:
     def _set_camera(self, camera: Camera, pose: Pose) -> None:
         clip_from_camera = projection(camera)
         clip_from_enu = clip_from_camera @ pose.camera_from_enu
-        for program in self._programs:
+        for program in (*self._programs, self._water_program):
             program["clip_from_enu"].write(_gl(clip_from_enu))
             program["eye_enu_m"].value = pose.position_enu_m
         enu_from_clip = pose.enu_from_camera @ np.linalg.inv(clip_from_camera[[0, 1, 3], :3])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -23,11 +23,12 @@ Box = tuple[Sequence[float], Sequence[float]]
 
 @dataclass(frozen=True)
 class Batch:
-    """Faces first_face .. first_face + face_count, all with one texture (None: vertex colour alone)."""
+    """Faces first_face .. first_face + face_count, all with one texture (None: vertex colour alone), or all water."""
 
     first_face: int
     face_count: int
     texture: Bytes | None
+    water: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def boxes_geometry(boxes: Sequence[Box]) -> Geometry:
 
 def merged(a: Geometry, b: Geometry) -> Geometry:
     """Both in one list, a first."""
-    moved = [Batch(x.first_face + len(a.faces), x.face_count, x.texture) for x in b.batches]
+    moved = [replace(x, first_face=x.first_face + len(a.faces)) for x in b.batches]
     return Geometry(
         np.concatenate([a.positions_enu_m, b.positions_enu_m]), np.concatenate([a.uv, b.uv]),
         np.concatenate([a.color, b.color]), np.concatenate([a.faces, b.faces + np.int32(len(a.positions_enu_m))]),
@@ -87,6 +88,8 @@ def _texture(part: Part) -> Bytes | None:
 
 def _first_user(parts: Sequence[Part], index: int) -> tuple[int, int]:
     texture = _texture(parts[index])
+    if parts[index].water:
+        return (-2, index)
     if texture is None:
         return (-1, index)
     return (next(i for i, p in enumerate(parts) if _texture(p) is texture), index)
@@ -109,17 +112,16 @@ def _stack(arrays: Sequence[NDArray[Any]], width: int, dtype: type) -> NDArray[A
 
 def _batches(parts: Sequence[Part], textures: dict[int, Bytes]) -> tuple[Batch, ...]:
     batches: list[Batch] = []
-    key: int | None = None
+    key: tuple[int, bool] | None = None
     first = 0
     for part in parts:
         texture = _texture(part)
         count = len(part.faces)
-        if batches and key == (None if texture is None else id(texture)):
-            last = batches.pop()
-            batches.append(Batch(last.first_face, last.face_count + count, last.texture))
+        if batches and key == (id(texture), part.water):
+            batches[-1] = replace(batches[-1], face_count=batches[-1].face_count + count)
         else:
-            key = None if texture is None else id(texture)
-            batches.append(Batch(first, count, None if key is None else textures[key]))
+            key = id(texture), part.water
+            batches.append(Batch(first, count, None if texture is None else textures[id(texture)], part.water))
         first += count
     return tuple(batches)
 

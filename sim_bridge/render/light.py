@@ -35,6 +35,14 @@ LAND_HUE = (0.25, 0.0, -0.2)
 HAZE_M = 900.0
 """Distance at which haze leaves 1/e of the plain's own colour; the scene itself is near and has none."""
 
+WATER_COLOR = (0.22, 0.30, 0.27)
+"""What comes out of the water, display colour; the rest is the sky, mirrored."""
+WATER_MIRROR = 0.02
+"""Share of light that water throws back when looked at straight on; Schlick (1994) gives it for other angles."""
+WAVE_PERIODS_M = (2.3, 11.0)
+WAVE_SLOPES = (0.34, 0.22)
+"""Sizes of the two copies of the grain that tilt the water, and how much they do."""
+
 EXPOSURE = 1.25
 """Display = sqrt(1 - exp(-EXPOSURE * radiance)): white in full sun keeps its texture instead of clipping."""
 SUN_COLOR = (1.15, 1.08, 0.96)
@@ -72,6 +80,13 @@ def sun_direction(spec: RenderSpec) -> NDArray[np.float64]:
     azimuth, elevation = math.radians(spec.sun_azimuth_deg), math.radians(spec.sun_elevation_deg)
     horizontal = math.cos(elevation)
     return np.array([horizontal * math.sin(azimuth), horizontal * math.cos(azimuth), math.sin(elevation)])
+
+
+def wave_drift(seed: int, noise_key: int) -> Floats:
+    """(2, 3) where in the grain the waves of picture noise_key lie, in periods: waves of two pictures have nothing in
+    common, as those of pictures taken seconds apart."""
+    rng = np.random.default_rng([seed, 0x3A7E5, noise_key & (2**64 - 1)])
+    return rng.random((len(WAVE_PERIODS_M), 3), np.float32)
 
 
 def fractal_noise(shape: tuple[int, ...], rng: np.random.Generator, slope: float) -> Floats:

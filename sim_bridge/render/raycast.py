@@ -40,13 +40,14 @@ class _World:
     pyramid_of_face: NDArray[np.int32]
     pyramids: list[Pyramid]
     uv_per_m: Floats
+    water: NDArray[np.bool_]
 
 
 class RaycastRenderer:
     """Renderer of one scene; see renderer.Renderer."""
 
     def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
-        self._ground_up_m = scene.ground_up_m
+        self._ground_up_m, self._seed = scene.ground_up_m, seed
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
         self._light = make_light(spec, seed)
         self._grain = Volume(self._light.grain)
@@ -68,7 +69,9 @@ class RaycastRenderer:
         rays = fine.rays_camera().reshape(-1, 3)
         eye, turn = np.array(pose.position_enu_m), pose.enu_from_camera.T
         chunks = [rays[start:start + _CHUNK_RAYS] for start in range(0, len(rays), _CHUNK_RAYS)]
-        color = np.concatenate(list(self._pool.map(lambda chunk: self._shade(chunk @ turn, eye, fine.fx_px), chunks)))
+        drift = look.wave_drift(self._seed, noise_key)
+        color = np.concatenate(list(self._pool.map(
+            lambda chunk: self._shade(chunk @ turn, eye, fine.fx_px, drift), chunks)))
         color = color.reshape(camera.height_px, n, camera.width_px, n, 3).mean(axis=(1, 3))
         rgb = np.asarray(np.clip(color, 0, 1) * 255 + 0.5, np.uint8)
         self._noise.add_to(rgb, noise_key)
@@ -84,8 +87,9 @@ class RaycastRenderer:
             self._boxes = wanted
             self._world = _make_world(merged(self._static, boxes_geometry(wanted)))
 
-    def _shade(self, rays_enu: NDArray[np.float64], eye: NDArray[np.float64], focal_px: float) -> Floats:
-        """(n, 3) display colours 0-1 along rays whose depth component is 1."""
+    def _shade(self, rays_enu: NDArray[np.float64], eye: NDArray[np.float64], focal_px: float,
+               drift: Floats) -> Floats:
+        """(n, 3) display colours 0-1 along rays whose depth component is 1. drift: (2, 3) of the waves."""
         world = self._world
         face = world.caster.intersects_first(np.broadcast_to(eye, rays_enu.shape), rays_enu)
         color = np.empty((len(rays_enu), 3), np.float32)
@@ -101,7 +105,26 @@ class RaycastRenderer:
         footprint_m = depth / focal_px * np.sqrt(np.linalg.norm(ray, axis=1) / slope)
         albedo = self._albedo(face, point, footprint_m)
         color[hit] = look.developed(albedo * self._irradiance(point, normal))
+        wet = world.water[face]
+        color[hit[wet]] = self._water(ray[wet], point[wet], footprint_m[wet], drift)
         return color
+
+    def _water(self, rays_enu: NDArray[np.float64], point: NDArray[np.float64], footprint_m: NDArray[np.float64],
+               drift: Floats) -> Floats:
+        """(n, 3) display colours of water at points (n, 3) that mirrors the sky."""
+        slope = np.zeros((len(point), 2), np.float32)
+        flat = point * (1.0, 1.0, 0.0)
+        for tilt, period_m, start in zip(look.WAVE_SLOPES, look.WAVE_PERIODS_M, drift, strict=True):
+            slope += tilt * (self._grain.sample(flat / period_m + start, footprint_m / period_m) - 0.5)
+        normal = np.column_stack([-slope, np.ones(len(slope))])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        direction = rays_enu / np.linalg.norm(rays_enu, axis=1, keepdims=True)
+        facing = np.einsum("ij,ij->i", direction, normal)[:, None]
+        mirrored = look.WATER_MIRROR + (1.0 - look.WATER_MIRROR) * (1.0 - np.clip(-facing, 0.0, 1.0)) ** 5
+        up = direction - 2.0 * facing * normal
+        up[:, 2] = np.abs(up[:, 2])
+        out_of_it = look.developed(np.array(look.WATER_COLOR) ** 2 * look.land_irradiance(self._light.to_sun_enu))
+        return np.asarray(out_of_it * (1.0 - mirrored) + sample_dome(self._light.sky, up) * mirrored, np.float32)
 
     def _background(self, rays_enu: NDArray[np.float64], eye: NDArray[np.float64], focal_px: float) -> Floats:
         """(n, 3) display colours of the sky and of the plain under it."""
@@ -162,13 +185,16 @@ def _make_world(geometry: Geometry) -> _World:
     uv_edges = uv[:, 1:] - uv[:, :1]
     uv_area = np.abs(uv_edges[:, 0, 0] * uv_edges[:, 1, 1] - uv_edges[:, 0, 1] * uv_edges[:, 1, 0])
     pyramid_of_face = np.full(len(geometry.faces), -1, np.int32)
+    water = np.zeros(len(geometry.faces), np.bool_)
+    for batch in geometry.batches:
+        water[batch.first_face:batch.first_face + batch.face_count] = batch.water
     textured = [batch for batch in geometry.batches if batch.texture is not None]
     for i, batch in enumerate(textured):
         pyramid_of_face[batch.first_face:batch.first_face + batch.face_count] = i
     mesh = trimesh.Trimesh(geometry.positions_enu_m, geometry.faces, process=False, validate=False)
     pyramids = [Pyramid(batch.texture) for batch in textured if batch.texture is not None]
     return _World(geometry, RayMeshIntersector(mesh), triangles[:, 0], edges, cross / length[:, None],
-                  pyramid_of_face, pyramids, np.sqrt(uv_area / length).astype(np.float32))
+                  pyramid_of_face, pyramids, np.sqrt(uv_area / length).astype(np.float32), water)
 
 
 def _uv_at(world: _World, face: NDArray[np.int64], point: NDArray[np.float64]) -> Floats:

@@ -66,19 +66,26 @@ void main() {
 }
 """
 
+_SKY_COLOR = """
+uniform sampler2D sky;
+vec3 sky_color(vec3 d) {
+    float up = max(d.z, 0.0);
+    vec2 at = 0.5 + 0.5 * SKY_SCALE * normalize(d.xy) * sqrt(1.0 - up * up) * inversesqrt(1.0 + up);
+    return textureLod(sky, at, 0.0).rgb;
+}
+"""
+
 _SKY_FRAGMENT = """
 #version 330 core
 in vec3 direction;
-uniform sampler2D sky;
 uniform sampler3D grain;
 uniform vec3 eye_above_ground_m;
 uniform vec3 land_irradiance;
 out vec4 out_color;
+""" + _SKY_COLOR + """
 void main() {
     vec3 d = normalize(direction);
-    float up = max(d.z, 0.0);
-    vec2 at = 0.5 + 0.5 * SKY_SCALE * normalize(d.xy) * sqrt(1.0 - up * up) * inversesqrt(1.0 + up);
-    vec3 color = textureLod(sky, at, 0.0).rgb;
+    vec3 color = sky_color(d);
     if (d.z < 0.0) {
         float range_m = max(eye_above_ground_m.z, 0.1) / max(-d.z, 1e-5);
         vec2 land_m = eye_above_ground_m.xy + d.xy * range_m;
@@ -88,6 +95,39 @@ void main() {
         color = mix(color, sqrt(1.0 - exp(-EXPOSURE * albedo * land_irradiance)), exp(-range_m / HAZE_M));
     }
     out_color = vec4(color, 1.0);
+}
+"""
+
+WATER_VERTEX = """
+#version 330 core
+in vec3 in_position;
+uniform mat4 clip_from_enu;
+uniform vec3 eye_enu_m;
+out vec3 enu_m; out vec3 from_eye_m;
+void main() {
+    gl_Position = clip_from_enu * vec4(in_position, 1.0);
+    enu_m = in_position;
+    from_eye_m = in_position - eye_enu_m;
+}
+"""
+
+_WATER_FRAGMENT = """
+#version 330 core
+in vec3 enu_m; in vec3 from_eye_m;
+uniform sampler3D grain;
+uniform vec3 drift[2];
+uniform vec3 land_irradiance;
+out vec4 out_color;
+""" + _SKY_COLOR + """
+void main() {
+    vec2 slope = WAVE_SLOPE_0 * (texture(grain, drift[0] + vec3(enu_m.xy / WAVE_PERIOD_0, 0.0)).rg - 0.5)
+               + WAVE_SLOPE_1 * (texture(grain, drift[1] + vec3(enu_m.xy / WAVE_PERIOD_1, 0.0)).rg - 0.5);
+    vec3 normal = normalize(vec3(-slope, 1.0));
+    vec3 d = normalize(from_eye_m);
+    float mirrored = WATER_MIRROR + (1.0 - WATER_MIRROR) * pow(1.0 - clamp(-dot(d, normal), 0.0, 1.0), 5.0);
+    vec3 out_of_it = sqrt(1.0 - exp(-EXPOSURE * WATER_COLOR * WATER_COLOR * land_irradiance));
+    vec3 up = reflect(d, normal);
+    out_color = vec4(mix(out_of_it, sky_color(vec3(up.xy, abs(up.z))), mirrored), 1.0);
 }
 """
 
@@ -133,6 +173,11 @@ def sky_fragment() -> str:
     return _with_constants(_SKY_FRAGMENT)
 
 
+def water_fragment() -> str:
+    """Fragment shader of water."""
+    return _with_constants(_WATER_FRAGMENT)
+
+
 def _with_constants(source: str) -> str:
     constants = {
         "GROUND_AMBIENT": _vec3(light.GROUND_AMBIENT), "SKY_AMBIENT": _vec3(light.SKY_AMBIENT),
@@ -141,6 +186,9 @@ def _with_constants(source: str) -> str:
         "SKY_SCALE": f"{light.sky_map_scale():.8f}", "HAZE_M": f"{light.HAZE_M:.3f}",
         "GRAIN_HUE": _vec3(light.GRAIN_HUE), "GRAIN_LUMA": f"{light.GRAIN_LUMA:.6f}",
         "GRAIN_FLOOR": f"{light.GRAIN_FLOOR:.6f}", "AMBIENT_TURN": f"{light.AMBIENT_TURN:.6f}",
+        "WATER_COLOR": _vec3(light.WATER_COLOR), "WATER_MIRROR": f"{light.WATER_MIRROR:.6f}",
+        **{f"WAVE_PERIOD_{i}": f"{m:.3f}" for i, m in enumerate(light.WAVE_PERIODS_M)},
+        **{f"WAVE_SLOPE_{i}": f"{s:.6f}" for i, s in enumerate(light.WAVE_SLOPES)},
         **{f"LAND_PERIOD_{i}": f"{m:.3f}" for i, m in enumerate(light.LAND_PERIODS_M)},
         **{f"LAND_GRAIN_{i}": f"{g:.6f}" for i, g in enumerate(light.LAND_GRAIN)},
         **{f"WEIGHT_{i}": f"{w:.6f}" for i, w in enumerate(light.GRAIN_WEIGHTS)},

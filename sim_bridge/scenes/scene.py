@@ -34,6 +34,8 @@ class Part:
     """False for ground and surroundings."""
     procedural: bool
     """True where the part has no texture of its own and the renderer puts a procedural one on it."""
+    water: bool = False
+    """True for a level surface of water: it mirrors the sky on waves that lie differently in every picture."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ def ground(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float, r
 
     lo, hi: (3,) corners of the object's box.
     """
-    west, south, east, north = _extent(lo, hi)
+    west, south, east, north = extent(lo, hi)
     apron = (lo[0] - APRON_M, lo[1] - APRON_M, hi[0] + APRON_M, hi[1] + APRON_M)
     lane = (west, hi[1] + ROAD_FROM_M, east, hi[1] + ROAD_FROM_M + ROAD_WIDTH_M)
     holes = [apron, lane] if road else [apron]
@@ -42,14 +42,18 @@ def ground(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float, r
     return parts
 
 
-def growth(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float) -> list[Part]:
-    """Trees and rocks standing on the ground outside the free zone around the box lo, hi (3,)."""
+def growth(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float,
+           wet: tuple[float, float] | None = None) -> list[Part]:
+    """Trees and rocks standing on the ground outside the free zone around the box lo, hi (3,).
+
+    wet: from where to where along x a river flows, if one does.
+    """
     trunks, crowns, rocks = [], [], []
-    for x, y in _sites(rng, lo, hi, count=14, radius_m=5.0):
+    for x, y in _sites(rng, lo, hi, 14, 5.0, wet):
         trunk, crown = _tree(rng, np.array([x, y, ground_up_m]))
         trunks.append(trunk)
         crowns += crown
-    for x, y in _sites(rng, lo, hi, count=24, radius_m=2.4):
+    for x, y in _sites(rng, lo, hi, 24, 2.4, wet):
         radii = rng.uniform(0.4, 1.4) * np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.7)])
         rocks.append(_blob(rng, np.array([x, y, ground_up_m]), radii, 2, 0.16))
     return [
@@ -59,14 +63,16 @@ def growth(rng: np.random.Generator, lo: Array, hi: Array, ground_up_m: float) -
     ]
 
 
-def _extent(lo: Array, hi: Array) -> tuple[float, float, float, float]:
+def extent(lo: Array, hi: Array) -> tuple[float, float, float, float]:
+    """West, south, east and north end of the ground around the box lo, hi (3,)."""
     middle, half = (lo[:2] + hi[:2]) / 2, np.maximum(80.0, (hi[:2] - lo[:2]) / 2 + 50.0)
     (west, south), (east, north) = middle - half, middle + half
     return float(west), float(south), float(east), float(north)
 
 
-def _sites(rng: np.random.Generator, lo: Array, hi: Array, count: int, radius_m: float) -> list[tuple[float, float]]:
-    """Places where something of this radius may stand: off the free zone and off the road, within view."""
+def _sites(rng: np.random.Generator, lo: Array, hi: Array, count: int, radius_m: float,
+           wet: tuple[float, float] | None) -> list[tuple[float, float]]:
+    """Places where something of this radius may stand: off the free zone, the road and the river, within view."""
     reach = 42.0
     found: list[tuple[float, float]] = []
     while len(found) < count:
@@ -74,7 +80,8 @@ def _sites(rng: np.random.Generator, lo: Array, hi: Array, count: int, radius_m:
         outside = max(lo[0] - x, x - hi[0], lo[1] - y, y - hi[1]) - radius_m
         on_road = ROAD_FROM_M - radius_m < y - hi[1] < ROAD_FROM_M + ROAD_WIDTH_M + radius_m
         on_pads = -radius_m < lo[1] - y < FREE_SOUTH_M + radius_m
-        if outside > FREE_M and not on_road and not on_pads:
+        afloat = wet is not None and wet[0] - radius_m < x < wet[1] + radius_m
+        if outside > FREE_M and not (on_road or on_pads or afloat):
             found.append((x, y))
     return found
 

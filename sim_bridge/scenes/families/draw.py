@@ -8,8 +8,12 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_bridge.scenes.families.body import Body
+from sim_bridge.scenes.scene import Part
+
+Array = NDArray[np.float64]
 
 DRAW = "draw"
 
@@ -21,6 +25,10 @@ class Family(ABC):
     @abstractmethod
     def build(self, rng: np.random.Generator) -> Body:
         """The structure, along x, standing on z = 0. rng gives what is irregular within one structure."""
+
+    def surroundings(self, rng: np.random.Generator, lo: Array, hi: Array) -> list[Part]:
+        """The ground and what stands on it, where a family brings its own; lo, hi: (3,) the structure's box."""
+        return []
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Self:

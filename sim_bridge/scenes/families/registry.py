@@ -2,7 +2,7 @@
 
 bridge     train       girder_bridge, truss_bridge, suspension_bridge
            validation  tied_arch_bridge, trestle_viaduct
-           test        cable_stayed_bridge, arch_bridge
+           test        cable_stayed_bridge, arch_bridge, river_bridge
 building   train       office_block, gabled_house, tower_block
            validation  setback_tower, terraced_row
            test        courtyard_building, church
@@ -41,13 +41,14 @@ from sim_bridge.scenes.families.lookouts import Lighthouse, ObservationTower
 from sim_bridge.scenes.families.people import SeatedFigure, StandingFigure
 from sim_bridge.scenes.families.pitched_buildings import Church, GabledHouse, TerracedRow
 from sim_bridge.scenes.families.pole_lines import ConcretePoleLine, HFrameLine, TubularLine
+from sim_bridge.scenes.families.river_bridges import RiverBridge
 from sim_bridge.scenes.families.round_towers import Chimney, CoolingTower, WaterTower
 from sim_bridge.scenes.families.sculptures import KnotSculpture, PebbleTotem
 from sim_bridge.scenes.families.square_towers import ClockTower, LatticeMast
 from sim_bridge.scenes.families.substations import SubstationGantry
 from sim_bridge.scenes.families.tanks import RefineryColumns, TankFarm
 from sim_bridge.scenes.families.works import BoilerHouse, PipeRack
-from sim_bridge.scenes.scene import Part
+from sim_bridge.scenes.scene import Part, merged
 
 GENERATORS: dict[str, type[Family]] = {
     "girder_bridge": GirderBridge,
@@ -92,6 +93,7 @@ GENERATORS: dict[str, type[Family]] = {
     "silo_battery": SiloBattery,
     "refinery_columns": RefineryColumns,
     "conveyor_works": ConveyorWorks,
+    "river_bridge": RiverBridge,
 }
 
 
@@ -101,8 +103,12 @@ def member(scene: FamilyScene) -> Family:
 
 
 def member_parts(scene: FamilyScene) -> list[Part]:
-    """The object's parts, centred on the origin in x and y, standing on z = 0; the same bytes for the same name."""
-    return member(scene).build(_rng(scene, 1)).parts(_rng(scene, 2))
+    """The object's parts, centred on the origin in x and y, standing on z = 0, and those around it where the family
+    brings them; the same bytes for the same name."""
+    family = member(scene)
+    parts = family.build(_rng(scene, 1)).parts(_rng(scene, 2))
+    vertices, _ = merged(parts)
+    return parts + family.surroundings(_rng(scene, 3), vertices.min(axis=0), vertices.max(axis=0))
 
 
 def _rng(scene: FamilyScene, stream: int) -> np.random.Generator:
