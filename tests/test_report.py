@@ -130,7 +130,7 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     parser = Outside()
     parser.feed(text)
     assert parser.fetched == []
-    assert parser.images == 1 + 9 + 6
+    assert parser.images == 1 + 12 + 6
     assert len(text) < 15e6
     assert text.count("Plotly.newPlot(") == 8
     assert "Wall &amp; box" in text
@@ -142,7 +142,8 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     assert titles == ["The reconstruction", "Exploration coverage", "Battery", "Tours", "Vehicles over time",
                       "Distances between vehicles", "Energy predicted and used", "Vehicles and views",
                       "Completeness (C2C)", "Accuracy (C2M)", "By part", "Confidence and error",
-                      "Where it is good, and what is missing", "Survey pictures", "Time and memory on this machine", "Notes"]
+                      "Where it is good, and what is missing", "Survey pictures",
+                      "Time and memory on this machine", "Notes"]
 
 
 def test_json_is_the_only_thing_on_stdout(done: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import trimesh
 
 from ground_station.report.run_data import RunData
 from missions.run_folder import RunFolder
 from perception.evaluate.comparison import RESAMPLE_M, Comparison, compare
+from perception.evaluate.inspection import Asked, Inspection, Shot, inspect
 from perception.evaluate.reference import Reference
 from perception.reconstruct.cloud import read_cloud
 
 
-def measure(data: RunData) -> Comparison | None:
+@dataclass(frozen=True)
+class Measured:
+    """The cloud beside the truth, and how well the survey's pictures show the true surface."""
+
+    comparison: Comparison
+    inspection: Inspection
+    asked: Asked
+
+
+def measure(data: RunData) -> Measured | None:
     """What lies in the run's region against the exposed surface. None, with a note, when cloud or truth is missing."""
     run = data.run
     absent = [p.relative_to(run.root).as_posix() for p in (run.cloud, run.truth_samples, run.truth_mesh)
@@ -21,8 +33,16 @@ def measure(data: RunData) -> Comparison | None:
         data.notes.append(f"{', '.join(absent)} missing: the reconstruction was not measured.")
         return None
     cloud = read_cloud(run.cloud)
-    return compare(cloud.select(data.region().contains(cloud.points_enu_m)), read_truth(run),
-                   max(RESAMPLE_M, data.mission.reconstruct.cloud_spacing_m))
+    truth = read_truth(run)
+    found = compare(cloud.select(data.region().contains(cloud.points_enu_m)), truth,
+                    max(RESAMPLE_M, data.mission.reconstruct.cloud_spacing_m))
+    asked = Asked(data.mission.survey.gsd_m, data.mission.camera.exposure_s)
+    return Measured(found, inspect(truth, _shots(data), asked), asked)
+
+
+def _shots(data: RunData) -> list[Shot]:
+    camera = data.mission.camera.survey_camera()
+    return [Shot(camera, v.enu_from_camera, v.position_enu_m, v.speed_m_s) for v in data.views if v.phase == "survey"]
 
 
 def read_truth(run: RunFolder) -> Reference:

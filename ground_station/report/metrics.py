@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ground_station.report.energy import energy_numbers
+from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
 from perception.evaluate.comparison import (
-    Comparison,
     c2c_numbers,
     c2m_numbers,
     confidence_numbers,
@@ -18,8 +18,9 @@ FLEET_KEYS = ("makespan_s", "path_m", "battery_end_percent", "views_flown", "vie
 COVERAGE_KEYS = ("final", "ceiling", "auc", "per_view")
 
 
-def assemble(data: RunData, measured: Comparison | None) -> dict[str, Any]:
+def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
     """The document. Shares are 0-1, lengths metres, times seconds."""
+    compared = None if measured is None else measured.comparison
     fleet, coverage = data.flight.get("fleet") or {}, data.referee.get("coverage") or {}
     return {
         "title": data.mission.title,
@@ -27,10 +28,11 @@ def assemble(data: RunData, measured: Comparison | None) -> dict[str, Any]:
         "min_clearance_m": data.referee.get("min_clearance_m"),
         "min_separation_m": data.referee.get("min_separation_m"),
         "coverage": {key: coverage.get(key) for key in COVERAGE_KEYS},
-        "c2c": c2c_numbers(measured),
-        "c2m": c2m_numbers(measured),
-        "parts": [] if measured is None else part_numbers(measured),
-        "confidence": [] if measured is None else confidence_numbers(measured),
+        "c2c": c2c_numbers(compared),
+        "c2m": c2m_numbers(compared),
+        "parts": [] if compared is None else part_numbers(compared),
+        "confidence": [] if compared is None else confidence_numbers(compared),
+        "inspection": None if measured is None else measured.inspection.numbers(measured.asked),
         "fleet": {key: fleet.get(key) for key in FLEET_KEYS},
         "energy": energy_numbers(data),
         "timing_s": timing(data),

@@ -11,6 +11,7 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from ground_station.report import charts, renderings, tables, time_charts
+from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
 from ground_station.report.sections import chart, chart_section, pair, section
 from ground_station.report.splat import Pixels, data_uri
@@ -18,24 +19,23 @@ from ground_station.report.style import CSS, SCRIPT
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
 from ground_station.report.thesis_page import thesis_part
 from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_numbers, percent
-from perception.evaluate.comparison import Comparison
 from perception.reconstruct.cloud import Cloud, read_cloud
 
 SAMPLE_PICTURES = 6
 THUMBNAIL_PX = 560
 
 
-def write_page(data: RunData, measured: Comparison | None, metrics: dict[str, Any]) -> None:
+def write_page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> None:
     """Write report.html from whatever is known; sections with nothing to show are left out."""
     data.run.report.write_text(page(data, measured, metrics), encoding="utf-8")
 
 
-def page(data: RunData, measured: Comparison | None, metrics: dict[str, Any]) -> str:
+def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> str:
     """The whole page as HTML."""
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
     body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud), thesis_part(data),
-                    _measurements(measured, metrics, thesis), _regions(data, cloud, measured),
+                    _measurements(measured, metrics, thesis), _regions(data, cloud, measured, metrics),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
             f"</title><meta name=viewport content='width=device-width'><style>{CSS}</style>"
@@ -111,23 +111,24 @@ def _over_time(data: RunData, metrics: dict[str, Any]) -> str:
                       tables.energy(metrics)))
 
 
-def _measurements(measured: Comparison | None, metrics: dict[str, Any], thesis: Reported) -> str:
+def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Reported) -> str:
     if measured is None:
         return ""
     left = section("Completeness (C2C)", "Distance from each sample of the true exposed surface to the nearest "
                    "reconstructed point. Green counts as reconstructed.",
-                   chart(charts.c2c_histogram(measured)) + tables.completeness(metrics, thesis))
+                   chart(charts.c2c_histogram(measured.comparison)) + tables.completeness(metrics, thesis))
     spacing = 100 * metrics["c2m"]["resampled_m"]
     right = section("Accuracy (C2M)", f"Signed distance from each point of the cloud, resampled to {spacing:g} cm, to "
                     "the true mesh. Green is within ±2 cm.",
-                    chart(charts.c2m_histogram(measured)) + tables.accuracy(metrics, thesis))
+                    chart(charts.c2m_histogram(measured.comparison)) + tables.accuracy(metrics, thesis))
     return pair(left, right) + pair(
-        section("By part", "The object's parts as the scene names them.", tables.parts(metrics)),
-        section("Confidence and error", "Does the number of agreeing depth maps tell how good a point is?",
-                tables.confidence(metrics)))
+        section("By part", "Share of the surface, how much of it the cloud reaches within 0.25 m, and the error of the "
+                "points nearest to it.", tables.parts(metrics)),
+        section("Confidence and error", "Error of the points by the number of depth maps that agree on them; kept: the "
+                "share with as many or more.", tables.confidence(metrics)))
 
 
-def _regions(data: RunData, cloud: Cloud | None, measured: Comparison | None) -> str:
+def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None, metrics: dict[str, Any]) -> str:
     if cloud is None:
         return ""
     shown, spacing = renderings.thinned(cloud, data.mission.reconstruct.cloud_spacing_m)
@@ -142,8 +143,18 @@ def _regions(data: RunData, cloud: Cloud | None, measured: Comparison | None) ->
             (renderings.PRESENT_COLOUR, "reconstructed"), (renderings.PARTIAL_COLOUR, "25-50 cm away"),
             (renderings.MISSING_COLOUR, "more than 50 cm away")))
         parts += [f"<h3>Missing</h3><small>True surface by distance to the cloud:{keys}</small>",
-                  _row(renderings.missing(measured))]
+                  _row(renderings.missing(measured.comparison)),
+                  f"<h3>Inspection quality</h3><small>{_inspection(metrics)}</small>",
+                  _row(renderings.by_quality(measured.comparison.reference, measured.inspection))]
     return section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
+
+
+def _inspection(metrics: dict[str, Any]) -> str:
+    found, stops = metrics["inspection"], ", ".join(f"rgb{c}" for c in renderings.CONFIDENCE_STOPS)
+    return ("The true surface by its best picture (seen x blur x resolution): 0<span class=scale "
+            f"style='background:linear-gradient(90deg,{stops})'></span>1. "
+            f"{percent(found['at_gsd'])} of it is photographed at the resolution asked for, "
+            f"{percent(found['seen_by_3'])} in three pictures or more.")
 
 
 def _pictures(data: RunData) -> str:

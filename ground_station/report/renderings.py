@@ -11,6 +11,8 @@ from scipy.spatial import cKDTree
 
 from ground_station.report.splat import Pixels, ramp, splat
 from perception.evaluate.comparison import MISSING_M, Comparison
+from perception.evaluate.inspection import Inspection
+from perception.evaluate.reference import Reference
 from perception.reconstruct.cloud import Cloud, on_grid
 
 CONFIDENCE_STOPS = ((178, 24, 43), (244, 165, 80), (255, 224, 120), (120, 198, 121), (0, 104, 90))
@@ -61,6 +63,16 @@ def missing(measured: Comparison) -> list[tuple[str, Pixels]]:
     colours = np.full((len(points), 3), PRESENT_COLOUR, dtype=np.uint8)
     colours[measured.c2c_m > MISSING_M] = PARTIAL_COLOUR
     colours[measured.c2c_m > ABSENT_M] = MISSING_COLOUR
+    return _surface(points, colours)
+
+
+def by_quality(reference: Reference, found: Inspection) -> list[tuple[str, Pixels]]:
+    """The true surface coloured by the quality of its best picture, from 0 (red) to 1 (green)."""
+    return _surface(reference.samples_enu_m.astype(np.float32), ramp(found.quality, 0.0, 1.0, CONFIDENCE_STOPS))
+
+
+def _surface(points: NDArray[np.float32], colours: Pixels) -> list[tuple[str, Pixels]]:
+    """Samples of a surface from every side, each as large as they lie apart."""
     few = points[:: max(1, len(points) // 2000)]
     spacing_m = float(np.median(cKDTree(points).query(few, k=4)[0][:, 3]))
     return [(s.name, _render(points, colours, s, WIDTH_PX, 1.5 * spacing_m)) for s in SIDES]

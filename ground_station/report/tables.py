@@ -43,14 +43,14 @@ def parts(metrics: dict[str, Any]) -> str:
     """Completeness and error by part of the object, largest first."""
     rows = [[escape(p["part"]), percent(p["share"]), percent(p["completeness"]), millimetres(p["mean_m"]),
              millimetres(p["rms_m"]), percent(p["within_2cm"])] for p in metrics["parts"][:SHOWN_PARTS]]
-    return table(["Part", "of the surface", "within 0.25 m of the cloud", "C2M mean", "RMS", "within ±2 cm"], rows)
+    return table(["Part", "surface", "≤ 0.25 m", "C2M mean", "RMS", "±2 cm"], rows)
 
 
 def confidence(metrics: dict[str, Any]) -> str:
     """Error by the number of agreeing depth maps."""
     rows = [[str(c["confidence"]), percent(c["kept"]), millimetres(c["median_m"]), millimetres(c["mean_m"]),
              percent(c["within_2cm"])] for c in metrics["confidence"]]
-    return table(["Agreeing depth maps", "points of as many or more", "median error", "mean", "within ±2 cm"], rows)
+    return table(["Depth maps", "kept", "median", "mean", "±2 cm"], rows)
 
 
 def vehicles(data: RunData, metrics: dict[str, Any]) -> str:

@@ -40,8 +40,11 @@ def compare(cloud: Cloud, reference: Reference, spacing_m: float = RESAMPLE_M) -
     """Cost: n log n in samples and points, and one search in the triangles' tree for each point."""
     uniform = on_grid(cloud, spacing_m)
     mesh = reference.vertices_enu_m, reference.triangles
-    as_it_is, _ = accuracy.distances_to_mesh(cloud.points_enu_m, *mesh)
     sampled, triangle = accuracy.distances_to_mesh(uniform.points_enu_m, *mesh)
+    if len(uniform) == len(cloud):
+        cloud, as_it_is = uniform, sampled
+    else:
+        as_it_is, _ = accuracy.distances_to_mesh(cloud.points_enu_m, *mesh)
     return Comparison(reference, distances_to_cloud(reference.samples_enu_m, cloud.points_enu_m), cloud, as_it_is,
                       uniform, sampled, triangle, spacing_m)
 
