@@ -53,11 +53,24 @@ class Explored:
             self._map.mark_free(at - self.clearance / math.sqrt(3.0), at + self.clearance / math.sqrt(3.0))
         self.grid: VoxelGrid = self._map.grid()
         self._stale = False
+        self._at = dict(enumerate(brief.starts, 1))
+        self._flown = np.zeros((len(self.lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)
 
     def see(self, frame: Frame) -> None:
         """Take a picture in."""
         self._map.add_picture(frame.rgb, self._camera, self.scaled(frame.pose))
         self._stale = True
+        if frame.index is not None:
+            self._flew(self._at[frame.vehicle], frame.index)
+            self._at[frame.vehicle] = frame.index
+
+    def _flew(self, start: Index5, end: Index5) -> None:
+        """A leg that was flown is open, whatever a stray depth says: a vehicle can always go back as it came."""
+        step = tuple(np.subtract(end[:3], start[:3]).tolist())
+        if any(step):
+            a, b = (self.lattice.flat(i) // self.lattice.orientations for i in (start, end))
+            axis_step = AXIS_STEPS.index(step)
+            self._flown[a, axis_step] = self._flown[b, axis_step ^ 1] = True
 
     def refresh(self) -> None:
         """Bring the map up to date with the pictures."""
@@ -93,8 +106,8 @@ class Explored:
 
     def open_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps between positions that keep the clearance from all that was measured, and that pass it
-        by twice the vehicle's radius at least."""
-        solid = self.surface.position_enu_m
+        by twice the vehicle's radius at least; and those that were flown."""
+        solid = self._map.surface_points()
         if not len(solid):
             return self._edges(lambda along: np.ones(along.shape[1], dtype=np.bool_))
         tree, reach = cKDTree(solid), self.clearance + MEASURED
@@ -105,16 +118,17 @@ class Explored:
             result: NDArray[np.bool_] = np.isinf(near[[0, -1]]).all(axis=0) & (near >= passing).all(axis=0)
             return result
 
-        return self._edges(is_open)
+        return self._edges(is_open) | self._flown
 
     def known_free_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free.
-        Unknown space elsewhere is taken for free: the object is not there."""
+        """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free,
+        or that were flown. Unknown space elsewhere is taken for free: the object is not there."""
         unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
         unknown[box] = self.grid.state[box] == UNKNOWN
-        near = VOXEL * (ndimage.distance_transform_edt(~unknown) - 0.5) < self.radius
-        return self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))].any(axis=0))
+        near = _grown(unknown, self.radius / VOXEL + 0.5)
+        free = self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))].any(axis=0))
+        return free | self._flown
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""
@@ -132,6 +146,13 @@ class Explored:
         start, end = self.lattice.positions_enu_m[a], self.lattice.positions_enu_m[b]
         samples = 2 + int(np.linalg.norm(end - start, axis=1).max(initial=0.0) / VOXEL)
         return start + np.linspace(0.0, 1.0, samples)[:, None, None] * (end - start)
+
+
+def _grown(voxels: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+    """All voxels whose middle lies nearer than `reach` voxels to that of one of these."""
+    rim = math.ceil(reach)
+    offset = np.stack(np.meshgrid(*3 * (np.arange(-rim, rim + 1),), indexing="ij"), axis=-1)
+    return np.asarray(ndimage.binary_dilation(voxels, (offset**2).sum(axis=-1) < reach**2))
 
 
 def _scaled_lattice(lattice: PoseLattice, scale: float) -> PoseLattice:

@@ -13,12 +13,12 @@ import math
 import numpy as np
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
-from missions.camera import Pose
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import Index5
 from perception.imagination.imagine import Imagination
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
+from planning.nbv.shown import ShownFaces
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
 
 MAYBE_OPEN = 0.6
@@ -42,16 +42,15 @@ class Swarmscan:
         self._plans: dict[int, list[int]] = {}
         yaw, elevation = self._lattice.yaw_elevation_rad.T
         self._orientations = Orientations.of(yaw, elevation, brief.camera)
-        self._keys: list[Pose] = []
-        self._coarse = brief.camera.scaled(SHOWN_RAYS_ACROSS, math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px /
-                                                                        brief.camera.width_px))
+        rows = math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px / brief.camera.width_px)
+        self._shown = ShownFaces(brief.camera.scaled(SHOWN_RAYS_ACROSS, rows), RANGE)
         self._largest = 0.0
 
     def see(self, frame: Frame) -> None:
         """Takes a picture in."""
         self._explored.see(frame)
         if frame.index is not None:
-            self._keys.append(self._explored.pose(frame.index))
+            self._shown.add(self._explored.pose(frame.index))
 
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
         """The first step of the best way; back to where it came from when none is known to be clear."""
@@ -73,8 +72,7 @@ class Swarmscan:
         occupancy = self._imagination.occupancy(explored.grid, explored.object_min, explored.object_max,
                                                 explored.ground_up)
         imagined = ImaginedMap.new(explored.grid.origin_enu_m, VOXEL, occupancy, explored.inside_object_box())
-        for pose in self._keys:
-            imagined.show(pose, self._coarse, RANGE)
+        self._shown.take_out(imagined)
         return imagined
 
     def _plan(self, vehicle: int, candidates: list[Index5], seen: Sights) -> Way:

@@ -62,6 +62,10 @@ class ExplorerMap:
         """Known surface."""
         return self.voxels.surface()
 
+    def surface_points(self) -> Array:
+        """(n, 3) where known surface was measured."""
+        return self.voxels.surface_points()
+
     def predicted_coverage(self, lower_enu_m: Array, upper_enu_m: Array) -> float:
         """Share of the surface in a box believed to be mapped, from the map alone."""
         return predicted_coverage(self.grid(), lower_enu_m, upper_enu_m)

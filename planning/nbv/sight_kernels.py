@@ -28,17 +28,29 @@ def _facing(direction):
 
 
 @nb.njit(cache=True)
-def _stops(occupancy, faced, unseen, lower, upper, start, direction, reach, cell_voxels, scale, cell, area, arrives,
-           at):
+def _last_new(blocks, lower, upper, start, direction, reach):
+    """Ray length at which the last marked block within reach is left, 0 where the ray meets none. Lengths in blocks;
+    lower, upper (3,): a box that holds all that are marked."""
+    enter, leave = box_span(start, direction, lower, upper)
+    if enter >= leave:
+        return 0.0
+    voxel, walls, spans, steps = walk(start, direction)
+    t, last = 0.0, 0.0
+    while t < reach and t < leave:
+        here = inside(blocks.shape, voxel) and blocks[voxel]
+        voxel, t, walls = next_voxel(voxel, walls, spans, steps)
+        if here:
+            last = t
+    return last
+
+
+@nb.njit(cache=True)
+def _stops(occupancy, faced, unseen, start, direction, reach, cell_voxels, scale, cell, area, arrives, at):
     """Entries that one ray makes from slot `at` on, one per cell and face that it may stop at; returns how many.
 
     Nothing is written when the arrays have no room for it (`at` < 0): the entries are only counted. faced, unseen: bits
-    of the faces that voxels have, and that are new; lower, upper (3,): the box outside of which nothing is.
+    of the faces that voxels have, and that are new.
     """
-    enter, leave = box_span(start, direction, lower, upper)
-    if enter >= leave or enter >= reach:
-        return 0
-    reach = min(reach, leave)
     voxel, walls, spans, steps = walk(start, direction)
     faces, shares = _facing(direction)
     sj_cells = (occupancy.shape[1] + cell_voxels - 1) // cell_voxels
@@ -78,32 +90,42 @@ def _stops(occupancy, faced, unseen, lower, upper, start, direction, reach, cell
 
 
 @nb.njit(cache=True, parallel=True)
-def count_stops(occupancy, faced, unseen, lower, upper, starts, directions, reach, cell_voxels):
-    """(p, r) number of cells' faces that each ray may stop at."""
+def count_stops(occupancy, faced, unseen, blocks, lower, upper, block_voxels, starts, directions, reach, cell_voxels):
+    """(p, r) number of cells' faces that each ray may stop at, and how far along it new faces lie at most.
+
+    blocks: which blocks of voxels have new faces, all of them in the box from lower to upper (3,), in blocks; most rays
+    meet none, and are not followed.
+    """
     nothing = np.zeros(0, np.int32), np.zeros(0, np.float32)
     count = np.zeros((len(starts), len(directions)), np.int64)
+    until = np.zeros((len(starts), len(directions)))
     for p in nb.prange(len(starts)):
+        start = starts[p] / block_voxels
         for r in range(len(directions)):
-            count[p, r] = _stops(occupancy, faced, unseen, lower, upper, starts[p], directions[r], reach, cell_voxels,
-                                 0.0, nothing[0], nothing[1], nothing[1], -1)
-    return count
+            last = _last_new(blocks, lower, upper, start, directions[r], reach / block_voxels)
+            until[p, r] = min(reach, last * block_voxels)
+            count[p, r] = _stops(occupancy, faced, unseen, starts[p], directions[r], until[p, r], cell_voxels, 0.0,
+                                 nothing[0], nothing[1], nothing[1], -1)
+    return count, until
 
 
 @nb.njit(cache=True, parallel=True)
-def cast_stops(occupancy, faced, unseen, lower, upper, starts, directions, reach, cell_voxels, first, scale):
+def cast_stops(occupancy, faced, unseen, starts, directions, until, cell_voxels, first, scale):
     """(cell's face, area, arrives) of every entry, in the slots that `count_stops` gave."""
     cell = np.zeros(first[-1], np.int32)
     area, arrives = np.zeros(first[-1], np.float32), np.zeros(first[-1], np.float32)
     for p in nb.prange(len(starts)):
         for r in range(len(directions)):
-            _stops(occupancy, faced, unseen, lower, upper, starts[p], directions[r], reach, cell_voxels, scale, cell,
-                   area, arrives, first[p * len(directions) + r])
+            at = first[p * len(directions) + r]
+            if first[p * len(directions) + r + 1] > at:
+                _stops(occupancy, faced, unseen, starts[p], directions[r], until[p, r], cell_voxels, scale, cell, area,
+                       arrives, at)
     return cell, area, arrives
 
 
 @nb.njit(cache=True)
-def show(occupancy, unseen, start, directions, reach, least):
-    """Take out of `unseen` the faces that rays reach with a probability of at least `least`."""
+def show(occupancy, shown, start, directions, reach, least):
+    """Set in `shown` the bits of the faces that rays reach with a probability of at least `least`."""
     for r in range(len(directions)):
         voxel, walls, spans, steps = walk(start, directions[r])
         faces, shares = _facing(directions[r])
@@ -113,9 +135,8 @@ def show(occupancy, unseen, start, directions, reach, least):
                 bits |= 1 << faces[a]
         t, through = 0.0, 1.0
         while t < reach and through >= least:
-            if inside(occupancy.shape, voxel):
-                if unseen[voxel] > 0:
-                    unseen[voxel] &= ~np.uint8(bits)
+            if inside(occupancy.shape, voxel) and occupancy[voxel] > 0.0:
+                shown[voxel] |= np.uint8(bits)
                 through *= 1.0 - occupancy[voxel]
             voxel, t, walls = next_voxel(voxel, walls, spans, steps)
 
@@ -136,13 +157,17 @@ def view_sums(first, cell, area, left, seen_first, seen_rays, positions, rays):
     """(p, o) `view_sum` of every view."""
     gains = np.zeros((positions, len(seen_first) - 1))
     for p in nb.prange(positions):
+        if first[p * rays] == first[(p + 1) * rays]:
+            continue
         per_ray = np.zeros(rays)
         for r in range(rays):
             for e in range(first[p * rays + r], first[p * rays + r + 1]):
                 per_ray[r] += area[e] * left[cell[e]]
         for o in range(len(seen_first) - 1):
+            total = 0.0
             for s in range(seen_first[o], seen_first[o + 1]):
-                gains[p, o] += per_ray[seen_rays[s]]
+                total += per_ray[seen_rays[s]]
+            gains[p, o] = total
     return gains
 
 

@@ -28,8 +28,20 @@ from planning.nbv.sight_kernels import FACES, cast_stops, count_stops, show, sho
 RAYS = 2048
 SURELY = 0.5
 """A picture has shown a face when its rays reach it with this probability."""
+BLOCK_VOXELS = 4
+"""Rays that meet no block with something new are not followed."""
 CELL_VOXELS = 2
 """Edge of a cell of `Sights`, in voxels: what is shown of a cell, all views share."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Faces of voxels, none twice."""
+
+    voxel: NDArray[np.int64]
+    """(n,) flat number in the grid."""
+    faces: NDArray[np.uint8]
+    """(n,) bit f is set for face f."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +71,23 @@ class ImaginedMap:
         outside[box] = False
         return cls(origin_enu_m, voxel_m, occupancy, faced, np.where(outside | (occupancy <= 0.0), np.uint8(0), faced))
 
-    def show(self, pose: Pose, camera: Camera, range_m: float) -> None:
-        """Count as shown what a picture is likelier than not to show."""
+    def shown_by(self, pose: Pose, camera: Camera, range_m: float) -> Shown:
+        """What a picture is likelier than not to show."""
         rays = camera.rays_camera().reshape(-1, 3) @ pose.enu_from_camera.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         start = (np.array(pose.position_enu_m) - self.origin_enu_m) / self.voxel_m
-        show(self.occupancy, self.unseen, start, rays, range_m / self.voxel_m, SURELY)
+        bits = np.zeros_like(self.faced)
+        show(self.occupancy, bits, start, rays, range_m / self.voxel_m, SURELY)
+        voxel = np.flatnonzero(bits)
+        return Shown(voxel, bits.ravel()[voxel])
+
+    def count_as_shown(self, shown: Shown) -> None:
+        """What a picture has shown is not new any more."""
+        self.unseen.reshape(-1)[shown.voxel] &= ~shown.faces
+
+    def show(self, pose: Pose, camera: Camera, range_m: float) -> None:
+        """Count as shown what a picture is likelier than not to show."""
+        self.count_as_shown(self.shown_by(pose, camera, range_m))
 
 
 @dataclass(frozen=True)
@@ -134,15 +157,25 @@ def sights(imagined: ImaginedMap, positions_enu_m: Array, orientations: Orientat
     """Cast rays from positions (p, 3). Cost: p * r rays, each as long as it passes free or uncertain voxels."""
     voxel = imagined.voxel_m
     starts = (positions_enu_m - imagined.origin_enu_m) / voxel
-    new = imagined.unseen > 0
-    where = [np.flatnonzero(new.any(axis=others)) for others in ((1, 2), (0, 2), (0, 1))]
-    lower, upper = (np.array([float(n[end] + rim) if len(n) else 0.0 for n in where]) for end, rim in ((0, 0), (-1, 1)))
-    rays = (imagined.occupancy, imagined.faced, imagined.unseen, lower, upper, starts, orientations.directions_enu,
-            range_m / voxel, CELL_VOXELS)
-    first = np.concatenate([[0], np.cumsum(count_stops(*rays).ravel())])
+    rays = imagined.occupancy, imagined.faced, imagined.unseen
+    blocks = _blocks(imagined.unseen)
+    marked = [np.flatnonzero(blocks.any(axis=others)) for others in ((1, 2), (0, 2), (0, 1))]
+    lower, upper = (np.array([n[end] + rim if len(n) else 0.0 for n in marked]) for end, rim in ((0, 0), (-1, 1)))
+    count, until = count_stops(*rays, blocks, lower, upper, BLOCK_VOXELS, starts, orientations.directions_enu,
+                               range_m / voxel, CELL_VOXELS)
+    first = np.concatenate([[0], np.cumsum(count.ravel())])
     scale = 4.0 * math.pi / len(orientations.directions_enu) * voxel**2
-    cell, area, arrives = cast_stops(*rays, first, scale)
+    cell, area, arrives = cast_stops(*rays, starts, orientations.directions_enu, until, CELL_VOXELS, first, scale)
     faces = np.zeros(FACES * math.prod(math.ceil(n / CELL_VOXELS) for n in imagined.occupancy.shape), dtype=np.bool_)
     faces[cell] = True
     number = np.cumsum(faces, dtype=np.int32) - 1
     return Sights(orientations, first, number[cell], area, arrives, int(faces.sum()))
+
+
+def _blocks(unseen: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which blocks of BLOCK_VOXELS along each edge hold something new."""
+    i, j, k = (math.ceil(n / BLOCK_VOXELS) for n in unseen.shape)
+    padded = np.zeros((i * BLOCK_VOXELS, j * BLOCK_VOXELS, k * BLOCK_VOXELS), dtype=np.bool_)
+    padded[tuple(slice(0, n) for n in unseen.shape)] = unseen > 0
+    in_blocks = padded.reshape(i, BLOCK_VOXELS, j, BLOCK_VOXELS, k, BLOCK_VOXELS)
+    return np.asarray(in_blocks.any(axis=(1, 3, 5)))
