@@ -47,8 +47,7 @@ class _MapWalker:
         chosen, gain = self.prefer(here, fresh, steps)
         self.came_from[vehicle], self.at[vehicle] = here, chosen
         self.visited.add(chosen)
-        return Choice(vehicle=vehicle, index=self.lattice.index(chosen), predicted_gain=gain,
-                      coverage_estimate=self.explored.coverage)
+        return Choice(vehicle=vehicle, index=self.lattice.index(chosen), predicted_gain=gain)
 
     @abstractmethod
     def prefer(self, here: int, options: Indices, steps: Indices) -> tuple[int, float]:

@@ -93,11 +93,6 @@ class Explored:
         """Known surface."""
         return self._map.surface()
 
-    @property
-    def coverage(self) -> float:
-        """The map's own estimate of how much of the object is known, 0 to 1."""
-        return self._map.predicted_coverage(self.object_min, self.object_max)
-
     def inside_object_box(self) -> tuple[slice, ...]:
         """The part of the grid that the object's box touches."""
         low = np.maximum(self.grid.index(self.object_min), 0)

@@ -17,16 +17,16 @@ from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import Index5
 from perception.imagination.imagine import Imagination
+from planning.nbv.coverage import surface_tally
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
 from planning.nbv.shown import ShownFaces
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
+from planning.nbv.stopping import Price, Returns, pays
 
 MAYBE_OPEN = 0.6
 """How likely a step through unknown space will turn out to be open."""
 BLOCKED = 1e-3
 SHOWN_RAYS_ACROSS = 120
-STOP_SHARE = 0.01
-"""Exploration no longer pays when the best view promises less than this share of the best so far."""
 
 
 class Swarmscan:
@@ -44,7 +44,7 @@ class Swarmscan:
         self._orientations = Orientations.of(yaw, elevation, brief.camera)
         rows = math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px / brief.camera.width_px)
         self._shown = ShownFaces(brief.camera.scaled(SHOWN_RAYS_ACROSS, rows), RANGE)
-        self._largest = 0.0
+        self._returns, self._price = Returns(), Price()
 
     def see(self, frame: Frame) -> None:
         """Takes a picture in."""
@@ -55,16 +55,24 @@ class Swarmscan:
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
         """The first step of the best way; back to where it came from when none is known to be clear."""
         self._explored.refresh()
-        seen = sights(self._imagined(), self._explored.lattice.positions_enu_m, self._orientations, RANGE)
-        best = float(seen.gains_m2.max())
-        self._largest = max(self._largest, best)
-        way = self._plan(vehicle, candidates, seen)
+        imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
+        tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
+        self._returns.settle(tally.seen_m2)
+        way = self._plan(vehicle, candidates, sights(imagined, positions, self._orientations, RANGE))
+        legs = self._legs(self._at[vehicle], way.poses)
+        expected = self._returns.expected_m2_per_m(way.gains_m2, legs)
+        self._returns.promise(way.gains_m2[0], legs[0])
         self._plans[vehicle], self._came_from[vehicle] = way.poses, self._at[vehicle]
         self._at[vehicle] = way.poses[0]
         self._visited.add(way.poses[0])
         return Choice(vehicle=vehicle, index=self._lattice.index(way.poses[0]),
-                      predicted_gain=way.gains_m2[0] / self._explored.scale**2,
-                      coverage_estimate=self._explored.coverage, stop=best < STOP_SHARE * self._largest)
+                      predicted_gain=way.gains_m2[0] / self._explored.scale**2, coverage_estimate=tally.coverage,
+                      stop=not pays(expected, self._returns, tally.coverage, self._price))
+
+    def _legs(self, start: int, poses: list[int]) -> list[float]:
+        """Lengths of the steps of a way, in map units."""
+        at = self._explored.lattice.positions_enu_m[np.array([start, *poses]) // self._lattice.orientations]
+        return [float(leg) for leg in np.linalg.norm(np.diff(at, axis=0), axis=1)]
 
     def _imagined(self) -> ImaginedMap:
         """The object as the network imagines it, with what the key poses so far have shown."""
