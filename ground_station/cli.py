@@ -43,6 +43,7 @@ COMMANDS = (
 BENCHMARKS = (
     Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
     Command("nbv", "sim_bridge.nbv.bench:main", "methods that choose views, beside oracles that know the truth"),
+    Command("coverage", "ground_station.bench.coverage:main", "coverage estimated without truth, beside the truth"),
     Command("allocate", "ground_station.allocate.bench:main", "makespans of the methods, on files and as views grow"),
     Command("reassign", "ground_station.allocate.reassign_bench:main", "what happens in flight, warm and cold"),
     Command("paths", "ground_station.bench.paths:main", "planners in narrow passages and around given structures"),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ground_station.bench.coverage import main as coverage_bench
 from missions.camera import Camera, Pose
+from missions.errors import UserError
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from planning.nbv.coverage import MISSING_WEIGHT, face_chances, surface_tally, visible_faces
 from planning.nbv.sights import ImaginedMap
@@ -141,3 +145,36 @@ def test_the_seen_are_the_occupied() -> None:
     imagined = ImaginedMap.new(np.zeros(3), 1.0, occupancy, EVERYTHING)
     imagined.show(Pose((8.0, 8.0, 14.5), 0.0, -math.pi / 2), CAMERA, RANGE_M)
     assert surface_tally(imagined, EVERYTHING, AROUND, RANGE_M).seen_m2 == 16.0
+
+
+def run(ceiling: float, weight: float, scene: str = "tower") -> dict[str, object]:
+    """A run whose estimates are off as if MISSING_WEIGHT should have been this much larger."""
+    shares = np.linspace(0.1, 0.95, 21)
+    estimates = 1.0 / (1.0 + (1.0 / shares[:20] - 1.0) / weight)
+    return {"scene": scene, "method": "swarmscan", "start": 0, "vehicles": 1, "ceiling": ceiling, "stopped_at": 11,
+            "curve": (ceiling * shares).tolist(), "curve_metres": np.linspace(0.0, 40.0, 21).tolist(),
+            "estimates": estimates.tolist(), "auc": 0.5}
+
+
+def test_the_bench_judges_estimates_and_stops_and_finds_the_weight(tmp_path: Path,
+                                                                   capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [run(0.8, 0.7), run(1.0, 0.7, "arch"), {**run(1.0, 0.7), "vehicles": 2}]
+    (tmp_path / "rows.json").write_text(json.dumps({"rows": rows}))
+    assert coverage_bench([str(tmp_path / "rows.json"), "--fit", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [r["scene"] for r in document["runs"]] == ["tower", "arch"]
+    assert document["missing_weight"] == pytest.approx(0.7 * MISSING_WEIGHT, rel=1e-3)
+    tower = document["runs"][0]
+    assert tower["error"] == pytest.approx(tower["estimate"] - tower["of_ceiling"])
+    assert tower["of_all"] == pytest.approx(0.8 * tower["of_ceiling"])
+    assert (tower["given_up"], tower["saved"]) == (pytest.approx(0.425), pytest.approx(0.5))
+    assert document["worst"] == pytest.approx(max(abs(r["error"]) for r in document["runs"]))
+
+
+def test_the_bench_refuses_what_is_no_such_file(tmp_path: Path) -> None:
+    (tmp_path / "rows.json").write_text("{}")
+    with pytest.raises(UserError, match=r"rows\.json: not what"):
+        coverage_bench([str(tmp_path / "rows.json")])
+    (tmp_path / "rows.json").write_text('{"rows": []}')
+    with pytest.raises(UserError, match="no run of one vehicle"):
+        coverage_bench([str(tmp_path / "rows.json")])
