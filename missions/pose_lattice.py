@@ -104,6 +104,12 @@ class PoseLattice:
         there[ends] = 0
         return np.where(ends, UNREACHED, np.ravel_multi_index(np.moveaxis(there, -1, 0), self.shape5))
 
+    def legs(self, axis: int) -> tuple[Indices, Indices]:
+        """(l,) flat numbers of the positions that each leg along an axis begins at, and of those where it ends."""
+        number = np.arange(math.prod(self.shape)).reshape(self.shape)
+        start, end = (np.delete(number, last, axis=axis).ravel() for last in (-1, 0))
+        return start, end
+
     def steps_along(self, open_edges: NDArray[np.bool_]) -> Indices:
         """`steps` without those that leave a position (p, 6) along an axis step that is not open."""
         return np.where(self.per_step(open_edges), self.steps, UNREACHED)

@@ -12,6 +12,7 @@ from perception.depth.depth_map import DepthMap
 from perception.depth.pictures import PictureDepths
 from perception.imagination.imagine import Imagination
 from perception.imagination.surroundings import COUNT
+from perception.mapping.line_votes import LineVotes
 from perception.mapping.voxel_map import VoxelMap
 from perception.reconstruct.depth_map import merge_pairs
 from perception.reconstruct.fusion import PosedDepth, support
@@ -22,7 +23,8 @@ WALL_M = 4.0
 
 
 def warm_up() -> None:
-    """Sweep planes through two pictures, map a wall from its depth, fuse depth maps of it, and imagine a voxel."""
+    """Sweep planes through two pictures, map a wall from its depth, look for wires, fuse depth maps and imagine a voxel
+    of what is not seen."""
     poses = [Pose((0.0, y, 2.0), 0.0, 0.0) for y in (2.0, 2.5)]
     picture = np.random.default_rng(1).integers(0, 255, (CAMERA.height_px, CAMERA.width_px, 3), dtype=np.uint8)
     depths = PictureDepths(min_sources=1)
@@ -32,6 +34,7 @@ def warm_up() -> None:
     camera = CAMERA.scaled(CAMERA.width_px // 2, CAMERA.height_px // 2)
     wall = np.full((camera.height_px, camera.width_px), WALL_M, dtype=np.float32)
     _map(camera, poses, wall)
+    LineVotes(np.array([[3.0, 2.0, 2.0]]), 9.0).add(picture, CAMERA, poses[0])
     _fuse(camera, poses, wall.copy())
     Imagination.load().chance(np.zeros((8, COUNT), np.float32))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from ground_station.nbv.wires import Wires
 from missions.camera import Pose
 from missions.frames import Array
 from missions.grid import UNKNOWN, SurfaceVoxels, VoxelGrid
@@ -53,12 +54,14 @@ class Explored:
             self._map.mark_free(at - self.clearance / math.sqrt(3.0), at + self.clearance / math.sqrt(3.0))
         self.grid: VoxelGrid = self._map.grid()
         self._stale = False
+        self._wires = Wires(brief)
         self._at = dict(enumerate(brief.starts, 1))
         self._flown = np.zeros((len(self.lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)
 
     def see(self, frame: Frame) -> None:
         """Take a picture in."""
         self._map.add_picture(frame.rgb, self._camera, self.scaled(frame.pose))
+        self._wires.see(frame)
         self._stale = True
         if frame.index is not None:
             self._flew(self._at[frame.vehicle], frame.index)
@@ -101,10 +104,10 @@ class Explored:
 
     def open_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps between positions that keep the clearance from all that was measured, and that pass it
-        by twice the vehicle's radius at least; and those that were flown."""
+        by twice the vehicle's radius at least, where no wire shows; and those that were flown."""
         solid = self._map.surface_points()
         if not len(solid):
-            return self._edges(lambda along: np.ones(along.shape[1], dtype=np.bool_))
+            return self._wires.clear_edges() | self._flown
         tree, reach = cKDTree(solid), self.clearance + MEASURED
         passing = min(2.0 * self.radius + MEASURED, reach)
 
@@ -113,24 +116,24 @@ class Explored:
             result: NDArray[np.bool_] = np.isinf(near[[0, -1]]).all(axis=0) & (near >= passing).all(axis=0)
             return result
 
-        return self._edges(is_open) | self._flown
+        return (self._edges(is_open) & self._wires.clear_edges()) | self._flown
 
     def known_free_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free,
-        or that were flown. Unknown space elsewhere is taken for free: the object is not there."""
+        closely enough to show a wire, or that were flown. Unknown space elsewhere is taken for free: the object is not
+        there."""
         unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
         unknown[box] = self.grid.state[box] == UNKNOWN
         near = _grown(unknown, self.radius / VOXEL + 0.5)
         free = self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))].any(axis=0))
-        return free | self._flown
+        return (free & self._wires.watched_edges()) | self._flown
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""
-        number = np.arange(len(self.lattice.positions_enu_m)).reshape(self.lattice.shape)
-        edges = np.zeros((number.size, len(AXIS_STEPS)), dtype=np.bool_)
+        edges = np.zeros((len(self.lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)
         for axis in range(3):
-            a, b = (np.delete(number, end, axis=axis).ravel() for end in (-1, 0))
+            a, b = self.lattice.legs(axis)
             if len(a):
                 open_ = is_open(self._along(a, b))
                 edges[b[open_], 2 * axis] = edges[a[open_], 2 * axis + 1] = True

@@ -1,0 +1,70 @@
+"""Where between the lattice's positions a wire may be strung, as far as the pictures show."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.frames import Array
+from missions.nbv_trial import Frame, TrialBrief
+from missions.pose_lattice import AXIS_STEPS, PoseLattice
+from perception.mapping.line_votes import LineVotes
+
+THINNEST_M = 0.03
+LEAST_PX = 0.35
+"""Pictures vote on places where a wire of THINNEST_M is at least so wide."""
+SPACING_M = 0.25
+STRUNG = 15.0
+"""A leg with so many standard deviations for a wire at any place that the body sweeps is not flown."""
+LEAST_PICTURES = 4
+"""Nor one with a place that fewer pictures have looked at."""
+
+
+class Wires:
+    """Votes on what a vehicle would sweep of the object's box; there is no wire of the object anywhere else."""
+
+    def __init__(self, brief: TrialBrief) -> None:
+        self._lattice, self._camera = brief.lattice, brief.camera
+        low, high = (np.array(corner) for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
+        self._legs = [_swept(self._lattice, axis, low - brief.fleet.radius_m, high + brief.fleet.radius_m)
+                      for axis in range(3)]
+        reach_m = min(THINNEST_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
+        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
+
+    def see(self, frame: Frame) -> None:
+        """Take a picture in."""
+        self._votes.add(frame.rgb, self._camera, frame.pose)
+
+    def clear_edges(self) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps where no wire shows in the pictures."""
+        return self._edges(self._votes.sigmas <= STRUNG)
+
+    def watched_edges(self) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps that enough pictures have looked at."""
+        return self._edges(self._votes.pictures >= LEAST_PICTURES)
+
+    def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(p, 6) steps all of whose points are good (n,)."""
+        edges = np.zeros((len(self._lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)
+        begin = 0
+        for axis, (points, leg) in enumerate(self._legs):
+            a, b = self._lattice.legs(axis)
+            bad = np.bincount(leg, ~good[begin:begin + len(points)], len(a)) > 0
+            edges[b[~bad], 2 * axis] = edges[a[~bad], 2 * axis + 1] = True
+            begin += len(points)
+        return edges
+
+
+def _swept(lattice: PoseLattice, axis: int, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
+    """(n, 3) points SPACING_M apart in the tubes that vehicles sweep along the legs of an axis, inside a box, and (n,)
+    the leg of each."""
+    a, b = lattice.legs(axis)
+    start, end = lattice.positions_enu_m[a], lattice.positions_enu_m[b]
+    samples = 1 + math.ceil(np.linalg.norm(end - start, axis=1).max(initial=0.0) / SPACING_M)
+    along = start[:, None] + np.linspace(0.0, 1.0, samples)[:, None] * (end - start)[:, None]
+    across = SPACING_M * np.stack(np.meshgrid(*3 * ((-1.0, 0.0, 1.0),), indexing="ij"), axis=-1).reshape(-1, 3)
+    points = along[:, :, None] + across[across[:, axis] == 0.0]
+    inside = ((points > low) & (points < high)).all(axis=-1)
+    return points[inside], np.nonzero(inside)[0]

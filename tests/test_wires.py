@@ -1,0 +1,105 @@
+"""Wires are found where the thin lines of several pictures meet, and legs through them are not flown."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ground_station.nbv.explored import Explored
+from ground_station.nbv.wires import LEAST_PICTURES, STRUNG, Wires
+from missions.camera import Camera, Pose
+from missions.frames import Array
+from missions.nbv_trial import Frame, TrialBrief
+from missions.pose_lattice import AXIS_STEPS
+from perception.mapping.line_votes import STRONGEST_LINE, UNIT, LineVotes, line_strength
+
+CAMERA = Camera.from_diagonal_fov(456, 256, 84.0)
+Picture = NDArray[np.uint8]
+WIRE = np.array([[10.0, -20.0, 5.0], [10.0, 20.0, 5.0]])
+POSES = [Pose((0.0, y, z), 0.0, 0.0) for y, z in itertools.product((-4.0, -1.0, 2.0, 5.0), (3.0, 6.5))]
+
+
+def brief() -> TrialBrief:
+    """Positions 5 m apart around a box that reaches from x = 7 to 18."""
+    return TrialBrief(method="random", seed=1, object_min_enu_m=(7.0, -9.0, 0.0), object_max_enu_m=(18.0, 9.0, 12.0),
+                      ground_up_m=0.0, camera_min_enu_m=(0.0, -7.5, 0.5), camera_max_enu_m=(20.0, 7.5, 10.5),
+                      shape=(4, 3, 2), elevations_deg=(0.0,), azimuths=4, camera=CAMERA, sensing_range_m=25.0,
+                      frames_per_step=1, starts=[(0, 1, 0, 0, 0)], poses=9)
+
+
+def grass(seed: int) -> Picture:
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, (256, 456, 1))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    return np.repeat(np.clip(120.0 + 12.0 * smooth[..., None] / smooth.std(), 0, 255), 3, axis=2).astype(np.uint8)
+
+
+def seen(pose: Pose, wire: Array | None, seed: int) -> Picture:
+    """Grass, of its own in every picture, and before it a wire one pixel wide."""
+    picture = grass(seed)
+    if wire is not None:
+        ends = (wire - np.array(pose.position_enu_m)) @ pose.enu_from_camera @ CAMERA.matrix.T
+        a, b = (ends[:, :2] / ends[:, 2:]).round().astype(int).tolist()
+        cv2.line(picture, a, b, (70, 70, 70), 1)
+    return picture
+
+
+def votes(points: Array, wire: Array | None, poses: list[Pose]) -> LineVotes:
+    result = LineVotes(points, 25.0)
+    for pose in poses:
+        result.add(seen(pose, wire, POSES.index(pose)), CAMERA, pose)
+    return result
+
+
+def test_a_line_stands_out_as_far_as_a_byte_can_say_and_grass_does_not() -> None:
+    strength = line_strength(seen(POSES[0], WIRE, 0))
+    assert strength.max() == int(STRONGEST_LINE * UNIT)
+    assert np.median(strength) < 0.3 * strength.max()
+    assert not line_strength(np.full((256, 456, 3), 90, np.uint8)).any()
+
+
+def test_pictures_agree_on_a_wire_where_it_is_and_nowhere_else() -> None:
+    on, off = np.array([[10.0, y, 5.0] for y in (-2.0, 0.0, 2.0)]), np.array([[7.0, 0.0, 4.2], [12.0, 1.0, 6.5]])
+    both = np.concatenate([on, off])
+    there = votes(both, WIRE, POSES)
+    assert (there.pictures == len(POSES)).all()
+    assert (there.sigmas[:3] > STRUNG).all()
+    assert (there.sigmas[3:] < STRUNG).all()
+    assert (votes(both, None, POSES).sigmas < STRUNG).all()
+
+
+def test_the_order_of_pictures_does_not_matter_and_far_ones_have_no_vote() -> None:
+    points = np.array([[10.0, 0.0, 5.0], [60.0, 0.0, 5.0]])
+    first, second = votes(points, WIRE, POSES), votes(points, WIRE, POSES[::-1])
+    np.testing.assert_array_equal(first.sigmas, second.sigmas)
+    assert first.pictures.tolist() == [len(POSES), 0]
+
+
+@pytest.mark.parametrize("strung", [False, True])
+def test_a_leg_across_a_wire_is_not_flown_and_one_that_few_have_seen_is_not_known(strung: bool) -> None:
+    wires, lattice = Wires(brief()), brief().lattice
+    wire = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]]) if strung else None
+    through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
+    outside = lattice.flat((0, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
+    for k, pose in enumerate(POSES):
+        assert k >= LEAST_PICTURES or not wires.watched_edges()[through]
+        assert wires.watched_edges()[outside], "there is nothing of the object outside its box"
+        wires.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
+    assert wires.watched_edges()[through]
+    assert wires.clear_edges()[through] == (not strung)
+    assert wires.clear_edges()[outside]
+
+
+def test_a_leg_that_was_flown_is_open_both_ways() -> None:
+    explored, lattice = Explored(brief()), brief().lattice
+    a, b = (lattice.flat((1, 1, k, 0, 0)) // lattice.orientations for k in (0, 1))
+    up, down = AXIS_STEPS.index((0, 0, 1)), AXIS_STEPS.index((0, 0, -1))
+    assert not explored.known_free_edges()[a, up]
+    for index in ((1, 1, 0, 0, 0), (1, 1, 1, 0, 0)):
+        explored.see(Frame(vehicle=1, pose=lattice.pose(index), index=index, rgb=grass(0)))
+    for edges in (explored.open_edges(), explored.known_free_edges()):
+        assert edges[a, up]
+        assert edges[b, down]
