@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -46,7 +45,8 @@ THESIS = {"pictures": 0.811, "lidar": 0.8677}
 Points = NDArray[np.float32]
 
 
-class Row(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class Row:
     """One sensor over a whole exploration. Shares are 0-1, lengths metres."""
 
     run: str

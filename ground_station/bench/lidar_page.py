@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,9 +11,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from ground_station.report.charts import SHOWN_POINTS, VEHICLE_COLOURS, blank, in_space, scatter_in_space
+from ground_station.report.charts import VEHICLE_COLOURS, blank
+from ground_station.report.renderings import SIDES, WIDTH_PX
 from ground_station.report.run_data import RunData
-from ground_station.report.sections import chart_section
+from ground_station.report.sections import chart_section, section
+from ground_station.report.splat import data_uri, ramp, splat
 from ground_station.report.style import CSS, SCRIPT
 from missions.frames import Array
 
@@ -20,13 +23,15 @@ if TYPE_CHECKING:
     from ground_station.bench.lidar import Sensed
 
 BINS_M = np.arange(0.0, 1.025, 0.025)
+SHOWN_POINTS, POINT_M = 400_000, 0.08
+HEIGHTS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 
 
 def write_page(path: Path, data: RunData, samples_enu_m: Array, sensors: list[Sensed]) -> None:
     """One self-contained page."""
     lower, upper = samples_enu_m.min(axis=0) - 1.0, samples_enu_m.max(axis=0) + 1.0
-    clouds = "".join(chart_section(escape(s.name).capitalize(), f"{s.curve[-1]:.1%} of the surface within 0.2 m.",
-                                   _cloud(s, data, lower, upper)) for s in sensors)
+    clouds = "".join(section(s.name.capitalize(), f"{s.curve[-1]:.1%} of the surface within 0.2 m; colour is height.",
+                             _cloud(s, lower, upper)) for s in sensors)
     body = (f"<h1>{escape(data.mission.title)}: pictures and LiDAR from the same places</h1>"
             + chart_section("Coverage", "Share of the true exposed surface with a point within 0.2 m, pose by pose.",
                             _curves(sensors)) + clouds
@@ -45,17 +50,16 @@ def _curves(sensors: list[Sensed]) -> go.Figure:
     return figure
 
 
-def _cloud(sensor: Sensed, data: RunData, lower: Array, upper: Array) -> go.Figure:
+def _cloud(sensor: Sensed, lower: Array, upper: Array) -> str:
     points = np.concatenate(sensor.clouds)
     points = points[((points >= lower) & (points <= upper)).all(axis=1)]
-    chosen = np.random.default_rng(0).permutation(len(points))[:SHOWN_POINTS]
-    figure = in_space()
-    scatter_in_space(figure, points[chosen], sensor.name, mode="markers", hoverinfo="skip",
-                     marker={"size": 1.4, "color": points[chosen, 2].tolist(), "colorscale": "Viridis"})
-    for track in data.tracks:
-        scatter_in_space(figure, track.position_enu_m[::10], f"UAV {track.vehicle_id}", mode="lines",
-                         line={"width": 2})
-    return figure
+    chosen = points[np.random.default_rng(0).permutation(len(points))[:SHOWN_POINTS]]
+    colours = ramp(chosen[:, 2].astype(np.float64), float(lower[2]), float(upper[2]), HEIGHTS)
+    figures = [f"<figure><img src='{data_uri(picture, 'PNG')}' alt='{escape(name)}'><figcaption>{escape(name)}"
+               "</figcaption></figure>" for name, picture in (
+                   (s.name, splat(chosen, colours, math.radians(s.yaw_deg), math.radians(s.elevation_deg), WIDTH_PX,
+                                  POINT_M)) for s in SIDES)]
+    return f"<div class=three>{''.join(figures)}</div>"
 
 
 def _distances(sensors: list[Sensed]) -> go.Figure:
