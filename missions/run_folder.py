@@ -86,6 +86,12 @@ class RunFolder:
         return self.root / "map.npz"
 
     @property
+    def explore_depth(self) -> Path:
+        """Depth of a few exploration pictures as the ground station knew it: arrays `view_id` (n,) and `depth_m`
+        (n, h, w) float16, NaN where it was not trusted."""
+        return self.root / "explore_depth.npz"
+
+    @property
     def thesis_waypoints(self) -> Path:
         """Missions with the thesis's method: a row per planned waypoint with its vehicle and the id of origin (npz)."""
         return self.root / "thesis_waypoints.npz"

@@ -47,8 +47,9 @@ def in_space() -> go.Figure:
     return figure
 
 
-def coverage_curve(coverage: dict[str, Any]) -> go.Figure | None:
-    """True coverage after each exploration picture, with what any reachable views could have covered."""
+def coverage_curve(coverage: dict[str, Any], estimates: dict[int, float]) -> go.Figure | None:
+    """True coverage after each exploration picture, with what any reachable views could have covered, and what the
+    ground station believed, by view id."""
     values, ceiling = coverage.get("per_view") or [], coverage.get("ceiling")
     if not values:
         return None
@@ -56,12 +57,17 @@ def coverage_curve(coverage: dict[str, Any]) -> go.Figure | None:
     figure.add_scatter(x=list(range(1, len(values) + 1)), y=values, mode="lines", name="seen so far",
                        fill="tozeroy",
                        fillcolor="rgba(0,114,178,.08)", line={"color": VEHICLE_COLOURS[0], "width": 2.5})
+    at = {view_id: n for n, view_id in enumerate(coverage.get("view_ids") or [], 1)}
+    known = sorted((at[view_id], share) for view_id, share in estimates.items() if view_id in at)
+    if known:
+        figure.add_scatter(x=[n for n, _ in known], y=[share for _, share in known], mode="lines",
+                           name="estimated without truth", line={"color": VEHICLE_COLOURS[1], "width": 1.5})
     if ceiling is not None:
         figure.add_hline(y=ceiling, line={"color": INK, "width": 1}, annotation_text=f"reachable {ceiling:.1%}",
                          annotation_position="bottom right")
         figure.add_hline(y=0.8 * ceiling, line={"color": GOOD, "width": 1, "dash": "dash"},
                          annotation_text="target: 80 % of it", annotation_position="bottom right")
-    figure.update_layout(showlegend=False, yaxis={"range": [0, 1.02], "tickformat": ".0%"})
+    figure.update_layout(showlegend=bool(known), yaxis={"range": [0, 1.02], "tickformat": ".0%"})
     return figure
 
 

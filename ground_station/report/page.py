@@ -6,15 +6,15 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from plotly.offline import get_plotlyjs
 
 from ground_station.report import charts, renderings, tables, time_charts
+from ground_station.report.exploration import exploration_part
 from ground_station.report.measure import Measured
+from ground_station.report.pictures import thumbnail
 from ground_station.report.run_data import RunData
-from ground_station.report.sections import chart, chart_section, pair, section
-from ground_station.report.splat import Pixels, data_uri
+from ground_station.report.sections import chart, chart_section, figure, pair, row, section
 from ground_station.report.style import CSS, SCRIPT
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
 from ground_station.report.thesis_page import thesis_part
@@ -22,7 +22,6 @@ from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_num
 from perception.reconstruct.cloud import Cloud, read_cloud
 
 SAMPLE_PICTURES = 6
-THUMBNAIL_PX = 560
 
 
 def write_page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> None:
@@ -34,7 +33,8 @@ def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> s
     """The whole page as HTML."""
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
-    body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud), thesis_part(data),
+    body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud),
+                    exploration_part(data, data.referee.get("coverage") or {}), thesis_part(data),
                     _measurements(measured, metrics, thesis), _regions(data, cloud, measured, metrics),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
@@ -83,18 +83,21 @@ def _model(data: RunData, cloud: Cloud | None) -> str:
     if cloud is None:
         return ""
     spacing = data.mission.reconstruct.cloud_spacing_m
-    picture = _figure(f"{len(cloud):,} points, one per {100 * spacing:g} cm voxel.",
-                      renderings.hero(*renderings.thinned(cloud, spacing)))
+    picture = figure(f"{len(cloud):,} points, one per {100 * spacing:g} cm voxel.",
+                     renderings.hero(*renderings.thinned(cloud, spacing)))
     return section("The reconstruction", "", picture)
 
 
 def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
-    coverage, battery = charts.coverage_curve(metrics["coverage"]), time_charts.battery_curves(data)
+    told = (data.flight.get("exploration") or {}).get("views") or []
+    estimates = {v["view_id"]: v["coverage"] for v in told}
+    coverage = charts.coverage_curve(data.referee.get("coverage") or {}, estimates)
+    battery = time_charts.battery_curves(data)
     space = charts.tours(data, cloud)
     who = [tables.vehicles(data, metrics), tables.outcomes(data), tables.allocations(data)]
     return "".join([
-        pair(chart_section("Exploration coverage", "How much of the true surface the exploration pictures have seen.",
-                           coverage),
+        pair(chart_section("Exploration coverage", "How much of the true surface the exploration pictures have seen, "
+                           "and how much of what can be seen the ground station believed covered.", coverage),
               chart_section("Battery", "A dot per picture; a cross where a vehicle handed its views over.", battery)),
         chart_section("Tours", "Paths and picture positions over the reconstructed cloud. Drag to turn, scroll to "
                       "zoom, click a name to hide or show it.", space),
@@ -136,16 +139,16 @@ def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None, metr
     stops = ", ".join(f"rgb{c}" for c in renderings.CONFIDENCE_STOPS)
     scale = (f"{least}<span class=scale style='background:linear-gradient(90deg,{stops})'></span>"
              "10 or more depth maps agree")
-    parts = ["<h3>In colour</h3>", _row(renderings.in_colour(shown, spacing)),
-             f"<h3>Confidence</h3><small>{scale}</small>", _row(renderings.by_confidence(shown, spacing, least))]
+    parts = ["<h3>In colour</h3>", row(renderings.in_colour(shown, spacing)),
+             f"<h3>Confidence</h3><small>{scale}</small>", row(renderings.by_confidence(shown, spacing, least))]
     if measured is not None:
         keys = "".join(f"<span class=key style='background:rgb{colour}'></span>{name}" for colour, name in (
             (renderings.PRESENT_COLOUR, "reconstructed"), (renderings.PARTIAL_COLOUR, "25-50 cm away"),
             (renderings.MISSING_COLOUR, "more than 50 cm away")))
         parts += [f"<h3>Missing</h3><small>True surface by distance to the cloud:{keys}</small>",
-                  _row(renderings.missing(measured.comparison)),
+                  row(renderings.missing(measured.comparison)),
                   f"<h3>Inspection quality</h3><small>{_inspection(metrics)}</small>",
-                  _row(renderings.by_quality(measured.comparison.reference, measured.inspection))]
+                  row(renderings.by_quality(measured.comparison.reference, measured.inspection))]
     return section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
 
 
@@ -162,18 +165,9 @@ def _pictures(data: RunData) -> str:
     if not rows:
         return ""
     chosen = [rows[int(i)] for i in np.linspace(0, len(rows) - 1, min(SAMPLE_PICTURES, len(rows)))]
-    figures = "".join(_figure(f"View {v.view_id}, UAV {v.vehicle_id}, {v.t_capture_s:.0f} s",
-                              _thumbnail(data, v.path), "JPEG") for v in chosen)
+    figures = "".join(figure(f"View {v.view_id}, UAV {v.vehicle_id}, {v.t_capture_s:.0f} s",
+                             thumbnail(data, v.path), "JPEG") for v in chosen)
     return section("Survey pictures", f"{len(chosen)} of {len(rows)}.", f"<div class=three>{figures}</div>")
-
-
-def _thumbnail(data: RunData, path: str) -> Pixels:
-    picture = cv2.imread(str(data.run.root / path), cv2.IMREAD_COLOR)
-    if picture is None:
-        data.notes.append(f"{path} is not a readable picture.")
-        return np.full((9 * THUMBNAIL_PX // 16, THUMBNAIL_PX, 3), 200, dtype=np.uint8)
-    height = round(picture.shape[0] * THUMBNAIL_PX / picture.shape[1])
-    return np.asarray(cv2.resize(picture, (THUMBNAIL_PX, height), interpolation=cv2.INTER_AREA)[:, :, ::-1])
 
 
 def _machine(metrics: dict[str, Any]) -> str:
@@ -185,12 +179,3 @@ def _machine(metrics: dict[str, Any]) -> str:
 def _notes(metrics: dict[str, Any]) -> str:
     items = "".join(f"<li>{escape(str(n))}</li>" for n in metrics["notes"])
     return section("Notes", "", f"<ul>{items}</ul>") if items else ""
-
-
-def _row(pictures: list[tuple[str, Pixels]]) -> str:
-    return f"<div class=three>{''.join(_figure(name, picture) for name, picture in pictures)}</div>"
-
-
-def _figure(caption: str, picture: Pixels, kind: str = "PNG") -> str:
-    return (f"<figure><img src='{data_uri(picture, kind)}' alt='{escape(caption, quote=True)}'>"
-            f"<figcaption>{escape(caption)}</figcaption></figure>")

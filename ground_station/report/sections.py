@@ -6,6 +6,8 @@ from html import escape
 
 import plotly.graph_objects as go
 
+from ground_station.report.splat import Pixels, data_uri
+
 
 def section(title: str, lead: str, content: str) -> str:
     """A titled box with a sentence that explains it."""
@@ -27,3 +29,14 @@ def chart(figure: go.Figure) -> str:
     """An interactive chart; the page loads plotly itself."""
     options = {"displaylogo": False, "displayModeBar": False, "responsive": True}
     return str(figure.to_html(full_html=False, include_plotlyjs=False, config=options))
+
+
+def row(pictures: list[tuple[str, Pixels]], kind: str = "PNG") -> str:
+    """Pictures with their captions, three side by side."""
+    return f"<div class=three>{''.join(figure(name, picture, kind) for name, picture in pictures)}</div>"
+
+
+def figure(caption: str, picture: Pixels, kind: str = "PNG") -> str:
+    """A picture with its caption."""
+    return (f"<figure><img src='{data_uri(picture, kind)}' alt='{escape(caption, quote=True)}'>"
+            f"<figcaption>{escape(caption)}</figcaption></figure>")
