@@ -15,7 +15,7 @@ RECENT = 12
 """Views whose promises are held against what they brought."""
 LEAST_LEG_M = 2.0
 """A view costs at least the time of flying this far, even where the vehicle only turns."""
-LEAST_TRUST, MOST_TRUST = 0.25, 2.0
+LEAST_TRUST, MOST_TRUST = 0.25, 4.0
 
 
 @dataclass(frozen=True)
