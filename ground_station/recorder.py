@@ -18,6 +18,7 @@ from missions.grid import SurfaceVoxels, VoxelGrid
 from missions.messages import PictureMeta, SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.run_folder import RunFolder
+from perception.depth.depth_map import DepthMap
 
 RATE_HZ = 10
 
@@ -78,6 +79,8 @@ class Recorder:
         self.phases: dict[str, dict[str, float]] = {}
         self.battery_at_view: list[dict[str, float | int]] = []
         self.predicted_coverage: list[float] = []
+        self.exploration: dict[str, Any] = {}
+        """See `ExplorationLog.document`."""
         self.notes: list[str] = []
         self.outcomes: dict[str, str] = {}
         self.outcome_details: dict[str, str] = {}
@@ -132,6 +135,12 @@ class Recorder:
                             surface_position_enu_m=surface.position_enu_m, surface_normal_enu=surface.normal_enu,
                             surface_seen_count=surface.seen_count)
 
+    def write_depths(self, depths: dict[int, DepthMap]) -> None:
+        """Write explore_depth.npz: depth by view id, all of one size."""
+        known = [np.where(d.valid, d.depth_m, np.nan).astype(np.float16) for d in depths.values()]
+        np.savez_compressed(self._run.explore_depth, view_id=np.array(list(depths), dtype=np.int64),
+                            depth_m=np.array(known))
+
     def write(self, t_ns: int) -> None:
         """Write trajectories.npz and flight.json; a phase that was cut short ends here."""
         for phase in self._wall.keys() - self._ended:
@@ -160,5 +169,5 @@ class Recorder:
             "reassignments": self.reassignments, "allocations": self.allocations,
             "outcomes": self.outcomes, "outcome_details": self.outcome_details, "plans": self.plans,
             "battery_at_view": self.battery_at_view, "predicted_coverage": self.predicted_coverage,
-            "notes": self.notes,
+            "exploration": self.exploration, "notes": self.notes,
         }
