@@ -34,7 +34,7 @@ from tests.nbv_scene import HALF_M, RULES, cube_arena
 
 Shape = tuple[int, int, int, int, int]
 SHAPES = st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4), st.integers(1, 3), st.integers(4, 6))
-CAMPAIGN = Campaign(RULES, {}, 1)
+CAMPAIGN = Campaign(RULES, {}, 1, 600.0)
 TRUE_BOX = np.array([[-HALF_M, -HALF_M, 0.0], [HALF_M, HALF_M, 2.0 * HALF_M]])
 
 
@@ -291,10 +291,17 @@ def test_the_same_run_flies_the_same_way_again() -> None:
 
 def test_a_method_that_is_unknown_or_dies_says_so() -> None:
     with pytest.raises(UserError, match=r"there is no method 'best'.*frontier"), \
-            Player(arena().brief("best", 0, 1, {}), 1) as player:
+            Player(arena().brief("best", 0, 1, {}), 1, 600.0) as player:
         player.choose(Ask(vehicle=1, candidates=[(0, 0, 0, 0, 0)]))
     brief = msgspec.structs.replace(arena().brief("random", 0, 1, {}), sensing_range_m=0.0)
-    with pytest.raises(ProtocolError, match=r"(?s)ended with code 1.*ZeroDivisionError"), Player(brief, 1) as player:
+    with pytest.raises(ProtocolError, match=r"(?s)ended with code 1.*ZeroDivisionError"), \
+            Player(brief, 1, 600.0) as player:
+        player.choose(Ask(vehicle=1, candidates=[(0, 0, 0, 0, 0)]))
+
+
+def test_a_method_that_hangs_is_ended_and_the_sentence_says_so() -> None:
+    with pytest.raises(ProtocolError, match=r"random gave no answer within 0\.01 s.*--patience"), \
+            Player(arena().brief("random", 0, 1, {}), 1, 0.01) as player:
         player.choose(Ask(vehicle=1, candidates=[(0, 0, 0, 0, 0)]))
 
 
@@ -318,7 +325,8 @@ def test_the_benchmark_runs_on_a_file_and_leaves_rows_and_a_page(tmp_path: Path,
 @pytest.mark.parametrize(("words", "told"), [
     (["--scenes", "nowhere"], "nowhere"), (["--scenes", "nowhere.glb"], "no such file"),
     (["--scenes", "family:none:1"], "family"), (["--starts", "0"], "--starts"), (["--vehicles", "0"], "--vehicles"),
-    (["--option", "fast"], "NAME=VALUE"), (["--diagonal-fov-deg", "5"], "--diagonal-fov-deg")])
+    (["--option", "fast"], "NAME=VALUE"), (["--diagonal-fov-deg", "5"], "--diagonal-fov-deg"),
+    (["--patience", "0"], "--patience")])
 def test_wrong_input_is_refused_in_a_sentence(words: list[str], told: str) -> None:
     with pytest.raises(UserError, match=told):
         main(["--methods", "greedy_oracle", *words])

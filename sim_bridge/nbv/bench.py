@@ -34,7 +34,7 @@ METHODS = ("random", "frontier", "volumetric", "macarons", "swarmscan", "greedy_
 def main(argv: Sequence[str]) -> int:
     """Run the benchmark; returns the exit code, 1 when a method failed."""
     options = _parse(argv)
-    campaign = Campaign(_rules(options), _settings(options.option), options.threads)
+    campaign = Campaign(_rules(options), _settings(options.option), options.threads, options.patience)
     runs = [Run(scene, method, start, vehicles) for scene in options.scenes for vehicles in options.vehicles
             for method in options.methods for start in range(options.starts)]
     rows, failed = _fly(runs, campaign, options.jobs, Ledger(options.rows, campaign))
@@ -132,6 +132,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--option", action="append", default=[], metavar="NAME=VALUE", help="a setting for the methods")
     parser.add_argument("--jobs", type=int, default=max(1, cores // 2), help="runs at a time (default %(default)s)")
     parser.add_argument("--threads", type=int, default=0, help="per run (default: cores / jobs)")
+    parser.add_argument("--patience", type=float, default=600.0, metavar="S",
+                        help="wall time that a method may take over a decision, then it is ended (default %(default)s)")
     parser.add_argument("--rows", type=Path, metavar="FILE",
                         help="append every row as it comes; runs that the file has are not repeated")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the curves as a page")
@@ -142,6 +144,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
             raise UserError(f"--{name} must be at least {least}; give a larger number.")
     if min(options.vehicles) < 1 or max(options.vehicles) >= options.poses:
         raise UserError("--vehicles must be at least 1 each and fewer than --poses; correct it.")
+    if not options.patience > 0.0:
+        raise UserError("--patience must be a number of seconds above 0; correct it.")
     if not 10.0 < options.diagonal_fov_deg < 150.0:
         raise UserError("--diagonal-fov-deg must lie between 10 and 150; correct it.")
     for scene in options.scenes:

@@ -39,11 +39,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What all runs share. threads: that a method, or the renderer, may use."""
+    """What all runs share. threads: that a method, or the renderer, may use. patience_s: wall time that a method may
+    take over one picture or decision."""
 
     rules: Rules
     options: dict[str, str]
     threads: int
+    patience_s: float
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def play_in(arena: Arena, run: Run, campaign: Campaign) -> Row:
         record = Trial(brief, score, Oracle(arena, score, brief.starts, ORACLES[run.method]), None).run(before)
     else:
         renderer = make_renderer(arena.scene, rules.render, rules.camera, rules.seed)
-        with closing(renderer), Player(brief, campaign.threads) as player:
+        with closing(renderer), Player(brief, campaign.threads, campaign.patience_s) as player:
             record = Trial(brief, score, player, renderer).run(before)
     return row_of(run, record, time.perf_counter() - begin)
 

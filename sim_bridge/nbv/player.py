@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import TracebackType
 
 from missions.errors import ProtocolError, UserError
@@ -22,11 +24,12 @@ class Player:
 
     wants_pictures = True
 
-    def __init__(self, brief: TrialBrief, threads: int) -> None:
-        """threads: how many the method's libraries may start."""
+    def __init__(self, brief: TrialBrief, threads: int, patience_s: float) -> None:
+        """threads: how many the method's libraries may start; patience_s: how long it may take, of wall time, to read
+        a message or to answer one."""
         limits = {name: str(threads) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
                                                   "NUMBA_NUM_THREADS")}
-        self._name = brief.method
+        self._name, self._patience_s, self._hung = brief.method, patience_s, False
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115, closed with the player
         self._process = subprocess.Popen([sys.executable, "-m", MODULE], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          stderr=self._stderr, env={**os.environ, **limits})
@@ -37,10 +40,11 @@ class Player:
         self._send(frame)
 
     def choose(self, ask: Ask) -> Answer:
-        """Ask, and wait as long as it takes. Raises UserError or ProtocolError when the method cannot go on."""
+        """Ask, and wait. Raises UserError or ProtocolError when the method cannot go on, or takes too long."""
         self._send(ask)
         assert self._process.stdout is not None
-        message = read_from_method(self._process.stdout)
+        with self._patience():
+            message = read_from_method(self._process.stdout)
         if isinstance(message, Answer):
             return message
         raise self._failed(message)
@@ -64,15 +68,33 @@ class Player:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
-            write_message(self._process.stdin, message)
+            with self._patience():
+                write_message(self._process.stdin, message)
         except BrokenPipeError:
             raise self._failed(read_from_method(self._process.stdout)) from None
+
+    @contextmanager
+    def _patience(self) -> Iterator[None]:
+        """Ends the method when what is done here takes too long."""
+        timer = threading.Timer(self._patience_s, self._give_up)
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _give_up(self) -> None:
+        self._hung = True
+        self._process.kill()
 
     def _failed(self, message: object) -> UserError | ProtocolError:
         """What to raise when the method has said why, or has died."""
         if isinstance(message, Failure):
             return (UserError if message.wrong_input else ProtocolError)(f"method {self._name}: {message.reason}")
         self._process.wait()
+        if self._hung:
+            return ProtocolError(f"method {self._name} gave no answer within {self._patience_s:g} s and was ended; "
+                                 "mend it, or allow more with --patience.")
         self._stderr.seek(0)
         words = self._stderr.read().decode(errors="replace")[-LAST_WORDS:]
         return ProtocolError(f"method {self._name} ended with code {self._process.returncode}: {words}")
