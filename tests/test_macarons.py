@@ -188,11 +188,11 @@ def test_padding_changes_no_point_and_candidates_are_independent() -> None:
     torch.testing.assert_close(both[:1, :a], alone, atol=1e-5, rtol=1e-4)
 
 
-def test_visibility_is_a_share_and_gain_counts_draws_and_distance() -> None:
+def test_visibility_is_a_share_and_gain_counts_draws() -> None:
     c = torch.randn(2, 6, 64)
     to = torch.nn.functional.normalize(torch.randn(2, 6, 3), dim=-1)
     seen = visibility(c, to)
     assert ((seen > 0) & (seen < 1)).all()
     count, volume = torch.tensor([[1.0, 3.0, 0.0]]), torch.tensor([8.0])
-    value = gain(torch.tensor([[1.0, 0.5, 1.0]]), torch.tensor([[0.1, 0.5, 0.1]]), count, volume, near=0.25)
-    torch.testing.assert_close(value, torch.tensor([8.0 * (1.0 + 3 * 0.5 * 0.25) / 4.0]))
+    value = gain(torch.tensor([[1.0, 0.5, 1.0]]), count, volume)
+    torch.testing.assert_close(value, torch.tensor([8.0 * (1.0 + 3 * 0.5) / 4.0]))

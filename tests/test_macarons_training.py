@@ -34,7 +34,7 @@ from tests.walk_scene import wall_walk
 
 pytestmark = pytest.mark.xdist_group("macarons")
 SMALL = LearnSettings(picture_px=(56, 32), batch=2, depth_rate=3e-4, warm_up=4, proxies=1500, queries=60,
-                      cloud_points=64, samples=24, cameras=4, memory=2, replays=1)
+                      cloud_points=64, samples=24, cameras=4, gains=1, memory=2, replays=1)
 TRUTH = TrainSettings(learn=SMALL, depth_steps=3, scone_steps=1)
 ALONE = TrainSettings(learn=SMALL, online=True)
 
@@ -227,7 +227,6 @@ def test_batches_turn_with_the_world(track: Track) -> None:
     rng = [np.random.default_rng(0), np.random.default_rng(0)]
     camera = track.shots[0].camera
     a, b = (gain_batch(f, camera, [at], at, 24, r) for (f, at), r in zip(batches, rng, strict=True))
-    torch.testing.assert_close(a.distance, b.distance, atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(a.to_camera, b.to_camera, atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(a.tokens[..., 3], b.tokens[..., 3])
 

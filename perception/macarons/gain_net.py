@@ -46,11 +46,6 @@ def visibility(coefficients: Tensor, to_camera: Tensor) -> Tensor:
     return torch.sigmoid((coefficients * harmonics(to_camera)).sum(dim=-1))
 
 
-def gain(seen: Tensor, distance: Tensor, count: Tensor, volume: Tensor, near: float) -> Tensor:
-    """(c,) coverage gain: what samples (c, n) see, drawn `count` times each, times the solid volume (c,) in view.
-
-    Farther than `near` a sample's worth falls with the square of its distance (c, n), like its share of the picture.
-    """
-    worth = torch.clamp((near / distance.clamp(min=1e-6)) ** 2, max=1.0)
-    mean = (seen * worth * count).sum(dim=-1) / count.sum(dim=-1).clamp(min=1.0)
-    return mean * volume
+def gain(seen: Tensor, count: Tensor, volume: Tensor) -> Tensor:
+    """(c,) coverage gain: what samples (c, n) see, drawn `count` times each, times the solid volume (c,) in view."""
+    return (seen * count).sum(dim=-1) / count.sum(dim=-1).clamp(min=1.0) * volume

@@ -25,8 +25,6 @@ LEAST_OCCUPANCY = 0.1
 PLACE_SCALE, VIEW_SCALE = 10.0, 10.0
 """MACARONS divides places by three cell diagonals; times these, untrained layers see differences between places and
 between view states, and learn from thousands of updates, not hundreds of thousands."""
-NEAR = 17.0 / 70.0
-"""Sensing ranges beyond which a point's worth falls with its distance."""
 
 
 def view_from_enu(pose: Pose) -> Array:
@@ -85,8 +83,6 @@ class GainBatch:
     present: Tensor
     to_camera: Tensor
     """(c, n, 3) unit directions in the view frame."""
-    distance: Tensor
-    """(c, n) in sensing ranges."""
     drawn: Tensor
     """(c, n) how often each point was drawn."""
     volume: Tensor
@@ -95,7 +91,7 @@ class GainBatch:
     def predict(self, net: GainNet) -> Tensor:
         """(c,) gains."""
         seen = visibility(net(self.tokens, self.views, self.present), self.to_camera)
-        return gain(seen, self.distance, self.drawn, self.volume, NEAR)
+        return gain(seen, self.drawn, self.volume)
 
 
 def gain_batch(field: Field, camera: Camera, poses: list[Pose], here: Pose, samples: int,
@@ -108,7 +104,7 @@ def gain_batch(field: Field, camera: Camera, poses: list[Pose], here: Pose, samp
     tokens, to_camera = (np.zeros((c, width, k), dtype=np.float32) for k in (4, 3))
     to_camera[..., 2] = 1.0
     views = torch.zeros(c, width, 64)
-    distance, count = np.ones((c, width), dtype=np.float32), np.zeros((c, width), dtype=np.float32)
+    count = np.zeros((c, width), dtype=np.float32)
     present = np.zeros((c, width), dtype=np.bool_)
     present[:, 0] = True
     for row, (pose, (number, times, _)) in enumerate(zip(poses, drawn, strict=True)):
@@ -119,13 +115,12 @@ def gain_batch(field: Field, camera: Camera, poses: list[Pose], here: Pose, samp
         tokens[row, :n, :3] = (points - middle) @ turn.T / field.diagonal_m
         tokens[row, :n, 3] = field.occupancy[number]
         away = np.array(pose.position_enu_m) - points
-        length = np.linalg.norm(away, axis=1)
-        to_camera[row, :n] = (away / length[:, None]) @ turn.T
-        distance[row, :n], count[row, :n], present[row, :n] = length / field.range_m, times, True
+        to_camera[row, :n] = (away / np.linalg.norm(away, axis=1, keepdims=True)) @ turn.T
+        count[row, :n], present[row, :n] = times, True
         views[row, :n] = VIEW_SCALE * view_harmonics(field.seen_from[number], turn)
     volume = torch.tensor([float(v) for _, _, v in drawn])
-    a, b, d, e, f = (torch.from_numpy(x) for x in (tokens, present, to_camera, distance, count))
-    return GainBatch(a, views, b, d, e, f, volume)
+    a, b, d, e = (torch.from_numpy(x) for x in (tokens, present, to_camera, count))
+    return GainBatch(a, views, b, d, e, volume)
 
 
 def _draw(field: Field, camera: Camera, pose: Pose, samples: int,

@@ -41,6 +41,8 @@ class LearnSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """2048."""
     cameras: int = 8
     """Views whose gains are compared in one update while pretraining: 52. Online it is 4."""
+    gains: int = 4
+    """Updates of gain per state of the map while pretraining, each on other views: 1."""
     share: float = 0.2
     """Of a depth map's points that go to the surface: 0.05 of four times as many pixels."""
     replays: int = 2

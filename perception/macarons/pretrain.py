@@ -10,7 +10,7 @@ from torch.nn import functional
 from missions.errors import UserError
 from perception.macarons.augment import jittered, mirrored
 from perception.macarons.depth_net import depth_from_disparity
-from perception.macarons.field import Field
+from perception.macarons.field import UNKNOWN_OCCUPANCY, Field
 from perception.macarons.inputs import gain_batch, occupancy_batch
 from perception.macarons.learner import Learner
 from perception.macarons.losses import normalised_l1, supervised_depth
@@ -19,7 +19,7 @@ from perception.macarons.tracks import Track, depth_examples
 Losses = dict[str, list[float]]
 PER_CELL = 16
 DOUBT = 0.25
-"""Standard deviation of the error that is put on the true occupancy of proxies the network was not asked about."""
+"""Standard deviation of the error that is put on the occupancy of proxies the network was not asked about."""
 
 
 def depth_pass(learner: Learner, tracks: list[Track], steps: int, rng: np.random.Generator) -> Losses:
@@ -44,9 +44,8 @@ def scone_pass(learner: Learner, track: Track, steps: int, rng: np.random.Genera
             field.add(track.true_look(frame), learner.settings.share)
             known = np.union1d(known, track.shown[frame])
         if number in stops:
-            error = _occupancy_update(learner, track, field, move[-1], rng)
-            if error is not None:
-                losses["occupancy"].append(error)
+            losses["occupancy"] += _occupancy_update(learner, track, field, move[-1], rng)
+            for _ in range(learner.settings.gains):
                 losses["gain"] += _gain_update(learner, track, field, known, number, rng)
     return losses
 
@@ -61,19 +60,20 @@ def _stops(track: Track, steps: int, rng: np.random.Generator) -> set[int]:
 
 
 def _occupancy_update(learner: Learner, track: Track, field: Field, frame: int,
-                      rng: np.random.Generator) -> float | None:
+                      rng: np.random.Generator) -> list[float]:
+    """What the network is not asked about is as well known, between not at all and well, as a network may know it."""
     open_queries = field.open_queries()
     truth = track.solid(field.proxies)
     field.settle()
-    doubt = rng.normal(0.0, DOUBT, len(open_queries))
-    field.occupancy[open_queries] = np.clip(truth[open_queries] + doubt, 0.0, 1.0)
+    guess = UNKNOWN_OCCUPANCY + rng.random() * (truth[open_queries] - UNKNOWN_OCCUPANCY)
+    field.occupancy[open_queries] = np.clip(guess + rng.normal(0.0, DOUBT, len(open_queries)), 0.0, 1.0)
     asked = cells_of(field, open_queries, learner.settings.queries, rng)
     batch = occupancy_batch(field, asked, track.walk.pose(frame), learner.settings.cloud_points, rng)
     if batch is None:
-        return None
+        return []
     error, predicted = learner.occupancy(batch, torch.from_numpy(truth[batch.numbers].astype(np.float32)))
     field.occupancy[batch.numbers] = predicted.numpy()
-    return error
+    return [error]
 
 
 def cells_of(field: Field, queries: NDArray[np.int64], most: int, rng: np.random.Generator) -> NDArray[np.int64]:
