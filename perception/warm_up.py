@@ -11,6 +11,7 @@ from missions.camera import Camera, Pose
 from perception.depth.depth_map import DepthMap
 from perception.depth.pictures import PictureDepths
 from perception.imagination.imagine import Imagination
+from perception.imagination.layers import gradients
 from perception.imagination.surroundings import COUNT
 from perception.mapping.line_votes import LineVotes
 from perception.mapping.voxel_map import VoxelMap
@@ -36,7 +37,9 @@ def warm_up() -> None:
     _map(camera, poses, wall)
     LineVotes(np.array([[3.0, 2.0, 2.0]]), 9.0).add(picture, CAMERA, poses[0])
     _fuse(camera, poses, wall.copy())
-    Imagination.load().chance(np.zeros((8, COUNT), np.float32))
+    imagination, known = Imagination.load(), np.zeros((8, COUNT), np.float32)
+    imagination.chance(known)
+    gradients(known, known[:, 0].copy(), known[:, 0].copy(), imagination.mean, imagination.scale, *imagination.layers)
 
 
 def _map(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32]) -> None:

@@ -16,13 +16,15 @@ from scipy import ndimage
 from missions.errors import UserError
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from missions.training_walks import TrainingWalk, walk_files
+from perception.imagination.adapt import AdaptiveImagination, AdaptSettings
 from perception.imagination.checkpoint import Training, save_net
 from perception.imagination.imagine import WEIGHTS, Imagination
+from perception.imagination.layers import gradients
 from perception.imagination.network import ImaginationNet
 from perception.imagination.partial_maps import partial_maps
 from perception.imagination.samples import Samples, samples_of
 from perception.imagination.scores import Scores
-from perception.imagination.surroundings import COUNT
+from perception.imagination.surroundings import COUNT, Floats
 from perception.imagination.train import begin, log_loss, main, train_step
 from sim_bridge.nbv.clearance import distances, segments_clear
 from sim_bridge.nbv.rules import Rules
@@ -230,3 +232,54 @@ def test_scores_know_good_chances_from_bad() -> None:
     assert honest.brier < bold.brier
     assert honest.log_loss < bold.log_loss
     assert honest.brier == pytest.approx(1.0 / 6.0, abs=0.003)
+
+
+def states_of_a_wall(count: int) -> list[VoxelGrid]:
+    """A wall of 20 m at x = 2 in a box where the network expects something else, seen from one end to the other."""
+    low = np.array([-8.0, -14.0, -1.0])
+    whole = VoxelGrid.unknown(low, np.array([10.0, 14.0, 10.0]), 0.5)
+    whole.state[:20, :, 2:] = FREE
+    whole.state[20, 8:48, 2:14] = OCCUPIED
+    grids = []
+    for n in range(1, count + 1):
+        state = np.zeros_like(whole.state)
+        seen = state.shape[1] * n // count
+        state[:, :seen] = whole.state[:, :seen]
+        grids.append(VoxelGrid(low, 0.5, state))
+    return grids
+
+
+def chances_in_flight(imagination: AdaptiveImagination, grids: list[VoxelGrid]) -> list[Floats]:
+    return [imagination.occupancy(grid, *BOX, 0.0) for grid in grids]
+
+
+def test_imagination_that_learns_in_flight_foresees_better_what_the_next_map_shows(untrained: Imagination) -> None:
+    grids = states_of_a_wall(12)
+    learning = AdaptiveImagination(untrained, AdaptSettings(rate=3e-3))
+    plain, learnt = Scores(), Scores()
+    for before, chance, after in zip(grids[5:-1], chances_in_flight(learning, grids)[5:-1], grids[6:], strict=True):
+        new = (before.state == UNKNOWN) & (after.state != UNKNOWN)
+        for scores, said in ((plain, untrained.occupancy(before, *BOX, 0.0)), (learnt, chance)):
+            scores.add(said[new], after.state[new] == OCCUPIED)
+    assert learnt.log_loss < 0.7 * plain.log_loss
+
+
+def test_equal_flights_learn_the_same_and_a_map_that_stands_still_teaches_nothing() -> None:
+    grids, shipped = states_of_a_wall(6), Imagination.load()
+    first, second = (chances_in_flight(AdaptiveImagination(shipped), grids) for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+    still = chances_in_flight(AdaptiveImagination(shipped), [grids[2]] * 4)
+    assert all(np.array_equal(chance, shipped.occupancy(grids[2], *BOX, 0.0)) for chance in still)
+
+
+def test_slopes_are_those_that_torch_finds(untrained: Imagination) -> None:
+    torch.manual_seed(1)
+    net, rng = ImaginationNet(), np.random.default_rng(2)
+    known, target, weight = (rng.random(s, dtype=np.float32) for s in ((50, COUNT), 50, 50))
+    loss = torch.nn.functional.binary_cross_entropy_with_logits(
+        net(torch.from_numpy(known)), torch.from_numpy(target), torch.from_numpy(weight), reduction="sum")
+    loss.backward()  # type: ignore[no-untyped-call]
+    found = gradients(known, target, weight, untrained.mean, untrained.scale, *untrained.layers)
+    for slope, (_, parameter) in zip(found, net.named_parameters(), strict=True):
+        assert parameter.grad is not None
+        np.testing.assert_allclose(slope, parameter.grad.numpy().T.squeeze(), atol=1e-5)

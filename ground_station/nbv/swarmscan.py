@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import numpy as np
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
+from missions.errors import UserError
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import Index5
-from perception.imagination.imagine import Imagination
+from perception.imagination.adapt import make_imagination
 from planning.nbv.coverage import surface_tally
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
 from planning.nbv.shown import ShownFaces
@@ -29,13 +31,26 @@ BLOCKED = 1e-3
 SHOWN_RAYS_ACROSS = 120
 
 
+class SwarmscanOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What `--option NAME=VALUE` can change."""
+
+    adapt: bool = False
+    """Imagination learns in flight from what its map has come to know."""
+
+
 class Swarmscan:
     """See the module."""
 
     def __init__(self, brief: TrialBrief) -> None:
+        """Raises UserError for options that it does not have."""
+        try:
+            options = msgspec.convert(brief.options, SwarmscanOptions, strict=False)
+        except msgspec.ValidationError as e:
+            names = ", ".join(SwarmscanOptions.__struct_fields__)
+            raise UserError(f"--option: {e}; method swarmscan has {names}.") from e
         self._lattice = brief.lattice
         self._explored = Explored(brief)
-        self._imagination, self._spec = Imagination.load(), HorizonSpec()
+        self._imagination, self._spec = make_imagination(options.adapt), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
         self._came_from = dict(self._at)
         self._visited = set(self._at.values())

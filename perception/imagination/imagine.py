@@ -28,6 +28,25 @@ LAYERS = ("hidden.0", "hidden.1", "out")
 
 
 @dataclass(frozen=True)
+class Unseen:
+    """The n unknown voxels of the window around an object's box."""
+
+    index: NDArray[np.int64]
+    """(3, n) in the grid."""
+    known: Floats
+    """(n, COUNT) see `surroundings`."""
+
+    @classmethod
+    def of(cls, grid: VoxelGrid, object_min_enu_m: Array, object_max_enu_m: Array, ground_up_m: float) -> Unseen:
+        """Those of a map."""
+        box = Box(np.asarray(object_min_enu_m, float), np.asarray(object_max_enu_m, float), ground_up_m)
+        window = Window.around(grid, box)
+        where = unknown_voxels(grid, window)
+        index = np.stack(np.unravel_index(where, window.shape)) + window.first[:, None]
+        return cls(index, surroundings(grid, window, box, where))
+
+
+@dataclass(frozen=True)
 class Imagination:
     """A trained network."""
 
@@ -59,14 +78,14 @@ class Imagination:
         In the window around the object's box the network says; beyond it OUTSIDE_PER_M, and 1 under the ground. It was
         trained on voxels of 0.4 to 0.6 m where cameras see 25 m far.
         """
+        return self.occupancy_of(grid, Unseen.of(grid, object_min_enu_m, object_max_enu_m, ground_up_m), ground_up_m)
+
+    def occupancy_of(self, grid: VoxelGrid, unseen: Unseen, ground_up_m: float) -> NDArray[np.float32]:
+        """As `occupancy`, where what is known around the unknown voxels has been gathered before."""
         result = np.full(grid.state.shape, 1.0 - math.exp(-OUTSIDE_PER_M * grid.voxel_m), dtype=np.float32)
         under = int(np.clip((ground_up_m - grid.origin_enu_m[2]) // grid.voxel_m, 0, grid.state.shape[2]))
         result[:, :, :under] = 1.0
-        box = Box(np.asarray(object_min_enu_m, float), np.asarray(object_max_enu_m, float), ground_up_m)
-        window = Window.around(grid, box)
-        where = unknown_voxels(grid, window)
-        index = np.stack(np.unravel_index(where, window.shape)) + window.first[:, None]
-        result[tuple(index)] = self.chance(surroundings(grid, window, box, where))
+        result[tuple(unseen.index)] = self.chance(unseen.known)
         result[grid.state == FREE] = 0.0
         result[grid.state == OCCUPIED] = 1.0
         return result
