@@ -15,7 +15,9 @@ class _View:
 
     vehicle_id: int
     pictures: int
-    predicted_m2: float
+    promised_m2: float
+    expected_m2: float
+    """What was promised, corrected by how earlier promises were kept."""
     leg_m: float
 
 
@@ -32,9 +34,9 @@ class ExplorationLog:
     """Since the last tally."""
     _rows: list[dict[str, Any]] = field(default_factory=list)
 
-    def given(self, view_id: int, vehicle_id: int, pictures: int, predicted_m2: float, leg_m: float) -> None:
+    def given(self, view_id: int, vehicle_id: int, pictures: int, promised_m2: float, leg_m: float) -> None:
         """A leg is sent: so many pictures, the last of which is the key view and should show so much new surface."""
-        self._under_way[view_id] = _View(vehicle_id, pictures, predicted_m2, leg_m)
+        self._under_way[view_id] = _View(vehicle_id, pictures, promised_m2, self.returns.trust * promised_m2, leg_m)
 
     def arrived(self, view_id: int) -> None:
         """The picture of a key view has come in."""
@@ -44,13 +46,13 @@ class ExplorationLog:
 
     def settle(self, tally: SurfaceTally) -> None:
         """The map holds all that has arrived. What it rose by is shared among the new views as they had promised."""
-        promised_m2 = sum(view.predicted_m2 for view in self._arrived.values())
+        promised_m2 = sum(view.promised_m2 for view in self._arrived.values())
         rise_m2 = tally.seen_m2 - self.tally.seen_m2
         for view_id, view in self._arrived.items():
-            share = view.predicted_m2 / promised_m2 if promised_m2 > 0.0 else 1.0 / len(self._arrived)
-            self.returns.promise(view.predicted_m2, view.leg_m)
+            share = view.promised_m2 / promised_m2 if promised_m2 > 0.0 else 1.0 / len(self._arrived)
+            self.returns.promise(view.promised_m2, view.leg_m)
             self._rows.append({"view_id": view_id, "vehicle_id": view.vehicle_id, "pictures": view.pictures,
-                               "predicted_m2": round(view.predicted_m2, 2), "achieved_m2": round(share * rise_m2, 2),
+                               "predicted_m2": round(view.expected_m2, 2), "achieved_m2": round(share * rise_m2, 2),
                                "coverage": round(tally.coverage, 4)})
         self.returns.settle(tally.seen_m2)
         self._arrived.clear()
