@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -38,7 +39,7 @@ RIM = 3.0
 class Explored:
     """The map of one trial, in map units (`scale` of them per metre)."""
 
-    def __init__(self, brief: TrialBrief, workers: int = 1) -> None:
+    def __init__(self, brief: TrialBrief) -> None:
         self.scale = RANGE / brief.sensing_range_m
         self.lattice = _scaled_lattice(brief.lattice, self.scale)
         self.object_min, self.object_max = (self.scale * np.array(corner)
@@ -48,7 +49,8 @@ class Explored:
         lower = np.minimum(self.object_min, self.lattice.lower_enu_m) - RIM
         upper = np.maximum(self.object_max, self.lattice.upper_enu_m) + RIM
         self._camera = brief.camera
-        self._map = ExplorerMap(lower, upper, VOXEL, MapSettings(sensing_range_m=RANGE), SWEEP, workers=workers)
+        self._map = ExplorerMap(lower, upper, VOXEL, MapSettings(sensing_range_m=RANGE), SWEEP,
+                                workers=get_num_threads())
         for start in brief.starts:
             at = np.array(self.pose(start).position_enu_m)
             self._map.mark_free(at - self.clearance / math.sqrt(3.0), at + self.clearance / math.sqrt(3.0))

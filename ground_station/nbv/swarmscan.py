@@ -73,7 +73,7 @@ class Swarmscan:
         imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
         tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
         self._returns.settle(tally.seen_m2)
-        way = self._plan(vehicle, candidates, sights(imagined, positions, self._orientations, RANGE))
+        way = self._plan(vehicle, candidates, sights(imagined.doubted(), positions, self._orientations, RANGE))
         legs = self._legs(self._at[vehicle], way.poses)
         expected = self._returns.expected_m2_per_m(way.gains_m2, legs)
         self._returns.promise(way.gains_m2[0], legs[0])
