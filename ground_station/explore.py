@@ -7,25 +7,29 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ground_station.airspace import Airspace, joined
 from ground_station.energy import EnergyBudget
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
+from ground_station.novelty import Novelty
 from ground_station.obstacles import NO_HITS
 from ground_station.prior import Prior
 from missions.camera import Pose
 from missions.frames import Array, forward_enu
-from missions.grid import VoxelGrid
+from missions.grid import OCCUPIED, VoxelGrid
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from missions.pads import camera_bounds, geofence, hover_points, surface_box, takeoff_columns
+from missions.pads import camera_bounds, geofence, hover_points, takeoff_columns
 from perception.mapping.explorer_map import ExplorerMap
-from planning.nbv.gain import GainField, GainSpec, count_looks, gain_field
 from planning.nbv.lattice import build_lattice
-from planning.nbv.search import Assignment, SearchSpec, VehicleQuery, next_views
+from planning.nbv.legs_ahead import Asker, Plan, plan_views
+from planning.nbv.outlook import AheadSpec
 from planning.paths import NoPath, Reach
+from planning.trajectories import Limits
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +46,10 @@ LEAST_BASELINE_M = 1.5
 """A vehicle that only turns where it hovers brings home one picture and no depth; it goes elsewhere when it can."""
 FALLBACK_TURN_RAD = math.radians(50.0)
 MAX_FALLBACKS = 6
+LEAST_GAIN_M2 = 0.5
+"""No plan is flown whose best view promises less than this."""
+MAYBE_OPEN = 0.5
+"""Chance that a look opens the way to a position, and the factor for each look that did not."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +79,8 @@ class Leg:
     vehicle_id: int
     waypoints: list[Waypoint]
     goal: Pose
+    predicted_gain_m2: float | None = None
+    """New surface that the key view is expected to show; None where it was not chosen for that."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +104,11 @@ class Explorer:
             self.map.mark_free(lower, upper + np.array([0.0, 0.0, CLIMB_M]))
         self._lattice = build_lattice(*camera_bounds(mission, site), mission.explore)
         self._taken = np.zeros((len(self._lattice.positions_enu_m), len(self._lattice.yaw_enu_rad)), dtype=np.bool_)
+        self._looks = np.zeros(len(self._lattice.positions_enu_m), dtype=np.int64)
         self._camera = mission.camera.explore_camera()
-        self._gain_spec = GainSpec(sensing_range_m=mission.explore.sensing_range_m)
-        self._search = SearchSpec(separation_m=mission.fleet.separation_m + GOAL_SPACING_M,
-                                  stop_gain=mission.explore.stop_gain)
+        self._ahead = AheadSpec(Limits.of_fleet(mission.fleet), mission.fleet.separation_m + GOAL_SPACING_M)
         self.grid: VoxelGrid = self.map.grid()
-        self._looks = np.zeros(self.grid.state.shape, dtype=np.uint8)
-        self._new_keys: list[Pose] = []
+        self._novelty = Novelty(mission, site)
         self._largest_gain = 0.0
         self._next_view_id = 1
         self.key_views: dict[int, Pose] = {}
@@ -116,8 +124,7 @@ class Explorer:
         self._pictured[meta.vehicle_id, meta.view_id] = meta.pose
         self.map.add_picture(picture.rgb, meta.camera, meta.pose)
         self.pictures_new += 1
-        if meta.view_id in self.key_views:
-            self._new_keys.append(meta.pose)
+        self._novelty.add(meta.pose)
 
     def poses(self, every_picture: bool) -> list[Pose]:
         """Key poses in the order they were given out; or where every picture was taken, vehicle after vehicle, each in
@@ -141,23 +148,48 @@ class Explorer:
     def decide(self, asking: list[Asking], busy: list[Busy], hits_enu_m: Array = NO_HITS) -> Decision:
         """Next views for the hovering vehicles over the map as `refresh` left it. Ways keep clear of what vehicles have
         hit (n, 3) and the map does not show."""
-        field, airspace = self._field(), Airspace.of(self.grid, self._mission, self._site, self._prior, hits_enu_m)
+        airspace = Airspace.of(self.grid, self._mission, self._site, self._prior, hits_enu_m)
         reaches = {a.vehicle_id: airspace.reach(a.position_enu_m, _mates(a, asking, busy)) for a in asking}
-        queries = [self._query(a, reaches[a.vehicle_id]) for a in asking]
         claimed = [b.goal for b in busy if b.goal is not None]
-        found = next_views(field, self._lattice, self._camera, queries, claimed, self._search, self._taken,
-                           self._largest_gain)
+        ways_m = np.array([reaches[a.vehicle_id].distance_to(self._lattice.positions_enu_m) for a in asking])
+        may = np.array([self._may_go(a, way, claimed) for a, way in zip(asking, ways_m, strict=True)])
+        askers = [Asker(a.vehicle_id, np.where(ok, w, np.inf)) for a, w, ok in zip(asking, ways_m, may, strict=True)]
+        barred = np.isfinite(ways_m).any(axis=0) & ~may.any(axis=0)
+        found = plan_views(self._novelty.imagined(self.grid, claimed), self._lattice, self._camera,
+                           self._mission.explore.sensing_range_m, askers, self._chance(barred), self._ahead, self._pays)
         self._largest_gain = max(self._largest_gain, found.best_gain_m2)
+        stuck = [a.vehicle_id for a in askers if not np.isfinite(a.way_m).any()]
+        return Decision(self._legs(found.plans, airspace, reaches, asking, busy), stuck, found.best_gain_m2)
+
+    def _legs(self, plans: list[Plan], airspace: Airspace, reaches: dict[int, Reach], asking: list[Asking],
+              busy: list[Busy]) -> list[Leg]:
+        """Legs to the first view of every plan; those that find no way around the goals given before are left out."""
         legs: list[Leg] = []
-        for given in found.assignments:
-            self._taken[given.position_index, given.orientation_index] = True
-            a = next(a for a in asking if a.vehicle_id == given.vehicle_id)
+        for plan in plans:
+            self._taken[plan.views[0]] = True
+            self._looks[plan.opens] += 1
+            a = next(a for a in asking if a.vehicle_id == plan.vehicle_id)
+            goal = self._lattice.pose(*plan.views[0])
             mates = _mates(a, asking, busy) + [np.array(leg.goal.position_enu_m) for leg in legs]
-            path = _path(airspace, reaches[a.vehicle_id], a, given, mates if legs else None)
+            path = _path(airspace, reaches[a.vehicle_id], a, goal, mates if legs else None)
             if path is not None:
-                legs.append(self._leg(a, path, given.pose))
-        stuck = [q.vehicle_id for q in queries if not np.isfinite(q.distance_m).any()]
-        return Decision(legs, stuck, found.best_gain_m2)
+                legs.append(self._leg(a, path, goal, plan.gains_m2[0]))
+        return legs
+
+    def _chance(self, barred: NDArray[np.bool_]) -> Array:
+        """(p, o) how likely each view can be had once its position is looked at from afar: less with every look that
+        did not open it, not at all beside known surface, where nobody may go, and for views that were given before."""
+        chance = MAYBE_OPEN ** (1.0 + self._looks)
+        solid = self.grid.centers(np.argwhere(self.grid.state == OCCUPIED))
+        if len(solid):
+            clearance_m = self._mission.fleet.clearance_m
+            near, _ = cKDTree(solid).query(self._lattice.positions_enu_m, distance_upper_bound=clearance_m)
+            chance[np.isfinite(near)] = 0.0
+        return np.where(self._taken | barred[:, None], 0.0, chance[:, None])
+
+    def _pays(self, gains_m2: list[float], legs_m: list[float]) -> bool:
+        """Whether a plan is worth flying: the seam for rules that weigh gains against metres."""
+        return max(gains_m2) >= max(LEAST_GAIN_M2, self._mission.explore.stop_gain * self._largest_gain)
 
     def column(self, vehicle_id: int) -> Leg:
         """The first pictures: on the vertical line over the pad, facing the object's centre."""
@@ -202,39 +234,29 @@ class Explorer:
         near = np.linalg.norm(self._lattice.positions_enu_m - np.array(goal.position_enu_m), axis=1) < 1e-3
         self._taken[near] = True
 
-    def _field(self) -> GainField:
-        box = surface_box(self._mission, self._site)
-        surface = self.map.surface()
-        bounds = camera_bounds(self._mission, self._site)
-        field = gain_field(self.grid, surface, *box, self._gain_spec, self._looks, bounds)
-        if not self._new_keys:
-            return field
-        for pose in self._new_keys:
-            self._looks = count_looks(field, self._looks, pose, self._camera)
-        self._new_keys.clear()
-        return gain_field(self.grid, surface, *box, self._gain_spec, self._looks, bounds)
-
-    def _query(self, a: Asking, reach: Reach) -> VehicleQuery:
+    def _may_go(self, a: Asking, way_m: Array, claimed: list[Pose]) -> NDArray[np.bool_]:
+        """(p,) positions within reach from which there is a baseline for depth, energy for the way home, and which are
+        not another vehicle's goal."""
         positions = self._lattice.positions_enu_m
-        way = reach.distance_to(positions)
         away = np.linalg.norm(positions - a.position_enu_m, axis=1) > LEAST_BASELINE_M
-        if np.isfinite(way[away]).any():
-            way[~away] = np.inf
-        affordable = self._energy.affordable(a.vehicle_id, a.position_enu_m, positions, way, a.usable_percent)
-        return VehicleQuery(a.vehicle_id, a.position_enu_m, way, affordable)
+        may = np.isfinite(way_m) & away if np.isfinite(way_m[away]).any() else np.isfinite(way_m)
+        may &= self._energy.affordable(a.vehicle_id, a.position_enu_m, positions, way_m, a.usable_percent)
+        for goal in claimed:
+            may &= np.linalg.norm(positions - np.array(goal.position_enu_m), axis=1) >= self._ahead.separation_m
+        return may
 
-    def _leg(self, a: Asking, path: Array, goal: Pose) -> Leg:
+    def _leg(self, a: Asking, path: Array, goal: Pose, gain_m2: float | None = None) -> Leg:
         start = Pose((0.0, 0.0, 0.0), a.yaw_enu_rad, a.elevation_rad)
         return self._register(a.vehicle_id, picture_leg(path, start, goal, self._mission.explore.frames_per_leg,
-                                                        self._next_view_id))
+                                                        self._next_view_id), gain_m2)
 
-    def _register(self, vehicle_id: int, waypoints: list[Waypoint]) -> Leg:
+    def _register(self, vehicle_id: int, waypoints: list[Waypoint], gain_m2: float | None = None) -> Leg:
         ids = [w.view_id for w in waypoints if w.view_id is not None]
         self._next_view_id += len(ids)
         last = waypoints[-1]
         goal = Pose(last.position_enu_m, last.yaw_enu_rad, last.gimbal_elevation_rad)
         self.key_views[ids[-1]] = goal
-        return Leg(vehicle_id, waypoints, goal)
+        return Leg(vehicle_id, waypoints, goal, gain_m2)
 
 
 def _mates(me: Asking, asking: list[Asking], busy: list[Busy]) -> list[Array]:
@@ -247,9 +269,9 @@ def _mates(me: Asking, asking: list[Asking], busy: list[Busy]) -> list[Array]:
     return out
 
 
-def _path(airspace: Airspace, reach: Reach, a: Asking, given: Assignment, mates: list[Array] | None) -> Array | None:
-    """The way to an assigned view; searched anew when vehicles served before have taken places meanwhile."""
-    goal = np.array(given.pose.position_enu_m)
+def _path(airspace: Airspace, reach: Reach, a: Asking, view: Pose, mates: list[Array] | None) -> Array | None:
+    """The way to a view; searched anew when vehicles served before have taken places meanwhile."""
+    goal = np.array(view.position_enu_m)
     try:
         if mates is not None:
             return airspace.path(a.position_enu_m, goal, mates)

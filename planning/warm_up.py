@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from missions.camera import Camera
-from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
+from missions.grid import FREE, OCCUPIED, VoxelGrid
 from missions.mission import ExploreSpec
 from missions.pose_lattice import PoseLattice
 from planning.allocate.flight_cost import Passing, leg_seconds
@@ -16,10 +16,11 @@ from planning.allocate.minmax import Effort, solve
 from planning.allocate.problem import Problem, Ways
 from planning.allocate.reassign import reassign
 from planning.deconflict import distance_to_polyline_m, first_approach, meeting
-from planning.nbv.gain import GainSpec, gain_field
 from planning.nbv.horizon import HorizonSpec, best_way, promises
 from planning.nbv.lattice import build_lattice
-from planning.nbv.search import SearchSpec, VehicleQuery, next_views
+from planning.nbv.legs_ahead import Asker, plan_views
+from planning.nbv.outlook import AheadSpec
+from planning.nbv.rays import view_gains
 from planning.nbv.sights import ImaginedMap, Orientations, sights
 from planning.nbv.standoff import nearest_depth_m
 from planning.nbv.survey import SurveyViewSpec, plan_survey
@@ -87,14 +88,16 @@ def _share_out() -> None:
 
 def _plan_views(grid: VoxelGrid) -> None:
     camera = Camera.from_diagonal_fov(64, 48, 90.0)
-    wall = grid.centers(np.argwhere(grid.state == OCCUPIED))
-    surface = SurfaceVoxels(wall, np.tile([-1.0, 0.0, 0.0], (len(wall), 1)), np.full(len(wall), 2))
     lattice = build_lattice(np.zeros(3), SIZE_M, ExploreSpec())
-    way = np.ones(len(lattice.positions_enu_m))
-    field = gain_field(grid, surface, wall.min(axis=0), wall.max(axis=0), GainSpec())
-    next_views(field, lattice, camera, [VehicleQuery(1, np.zeros(3), way)], [lattice.pose(0, 0)], SearchSpec())
+    imagined = ImaginedMap.new(np.zeros(3), 1.0, (grid.state == OCCUPIED).astype(np.float32), (slice(None),) * 3)
+    chance, limits = np.ones((len(lattice.positions_enu_m), len(lattice.yaw_enu_rad))), Limits(3.0, 2.0, 6.0, 1.0)
+    asker = Asker(1, np.where(lattice.positions_enu_m[:, 0] < WALL_X, 1.0, np.inf))
+    plan_views(imagined, lattice, camera, 9.0, [asker], chance, AheadSpec(limits, 2.0), lambda gains, legs: True)
     nearest_depth_m(grid, [lattice.pose(0, 0)], camera)
     plan_survey(grid, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
+    along_x, no_view = np.array([[1.0, 0.0, 0.0]]), np.zeros(2, dtype=np.int64)
+    view_gains(grid.state, np.ones(3), np.ones(3), np.ones((1, 3)), along_x, np.zeros(3), SIZE_M, 9.0, 1.0, no_view,
+               no_view, 1)
 
 
 def _plan_ahead(grid: VoxelGrid) -> None:

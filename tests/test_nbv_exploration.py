@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from missions.camera import Camera, Pose
-from missions.grid import FREE, OCCUPIED, SurfaceVoxels, VoxelGrid
+from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from missions.mission import ExploreSpec
 from missions.sensors import fibonacci_directions
-from planning.nbv.gain import GainField, GainSpec, count_looks, gain_field
 from planning.nbv.lattice import Lattice, build_lattice
-from planning.nbv.rays import mark_rays
-from planning.nbv.search import Decision, SearchSpec, VehicleQuery, next_views
+from planning.nbv.legs_ahead import Asker, Plans, plan_views
+from planning.nbv.outlook import AheadSpec
+from planning.nbv.rays import first_hits
+from planning.nbv.shown import ShownFaces
+from planning.nbv.sights import ImaginedMap
+from planning.trajectories import Limits
 
 pytestmark = pytest.mark.xdist_group("nbv_exploration")
 
@@ -25,7 +28,10 @@ OBJECT_MIN, OBJECT_MAX = np.array([-9.0, -5.0, 0.0]), np.array([9.0, 5.0, 11.0])
 CAMERA_MIN, CAMERA_MAX = np.array([-17.0, -13.0, 1.5]), np.array([17.0, 13.0, 19.0])
 SENSOR = Camera.from_diagonal_fov(114, 64, 84.0)
 VOXEL_M, RANGE_M, CLEARANCE_M = 0.5, 20.0, 1.2
-STOPS_RAY = np.array([0.0, 1.0])
+CHANCE_INSIDE, CHANCE_OUTSIDE = 0.06, 0.015
+"""That an unknown voxel is solid, in the object's box and elsewhere."""
+SPEC = AheadSpec(Limits(3.0, 2.0, 6.0, 1.0), separation_m=5.0)
+LEAST_GAIN_M2 = 1.0
 DECISIONS = 32
 
 
@@ -45,27 +51,40 @@ class World:
 
     solid: NDArray[np.uint8] = field(default_factory=building)
     grid: VoxelGrid = field(default_factory=lambda: VoxelGrid.unknown(LOWER, UPPER, VOXEL_M))
-    seen_count: NDArray[np.int64] = field(init=False)
-    looks: NDArray[np.uint8] = field(init=False)
+    shown: ShownFaces = field(default_factory=lambda: ShownFaces(SENSOR, RANGE_M))
 
-    def __post_init__(self) -> None:
-        self.seen_count = np.zeros(self.solid.shape, dtype=np.int64)
-        self.looks = np.zeros(self.solid.shape, dtype=np.uint8)
+    def stops(self, start_enu_m: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(r,) how far rays go, in voxels, a little way into what stops them."""
+        reach = RANGE_M / VOXEL_M
+        return np.minimum(first_hits(self.solid, 1, (start_enu_m - LOWER) / VOXEL_M, rays, reach) + 0.01, reach)
 
-    def visible(self, start_enu_m: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def voxels(self, start_enu_m: NDArray[np.float64], rays: NDArray[np.float64],
+               along: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Mask of the voxels at distances (r, s) along rays (r, 3)."""
+        index = np.floor((start_enu_m - LOWER) / VOXEL_M + along[..., None] * rays[:, None]).astype(np.int64)
         seen = np.zeros(self.solid.shape, dtype=np.bool_)
-        mark_rays(self.solid, STOPS_RAY, seen, (start_enu_m - LOWER) / VOXEL_M, rays, RANGE_M / VOXEL_M, 0.5)
+        seen[tuple(index[self.grid.inside(index)].T)] = True
         return seen
 
     def take_picture(self, pose: Pose) -> None:
         rays = SENSOR.rays_camera().reshape(-1, 3) @ pose.enu_from_camera.T
-        seen = self.visible(np.array(pose.position_enu_m), rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        at = np.array(pose.position_enu_m)
+        seen = self.voxels(at, rays, np.linspace(0.0, 1.0, 60) * self.stops(at, rays)[:, None])
         self.grid.state[seen] = np.where(self.solid[seen] == 1, OCCUPIED, FREE)
-        self.seen_count[seen & (self.solid == 1)] += 1
+        self.shown.add(pose)
 
-    def surface(self) -> SurfaceVoxels:
-        index = np.argwhere(self.grid.state == OCCUPIED)
-        return SurfaceVoxels(self.grid.centers(index), np.zeros((len(index), 3)), self.seen_count[tuple(index.T)])
+    def imagined(self, claimed: list[Pose]) -> ImaginedMap:
+        box = tuple(slice(int(a), int(b)) for a, b in zip(self.grid.index(OBJECT_MIN), self.grid.index(OBJECT_MAX) + 1,
+                                                          strict=True))
+        unknown = np.full(self.solid.shape, CHANCE_OUTSIDE, dtype=np.float32)
+        unknown[box] = CHANCE_INSIDE
+        occupancy = np.where(self.grid.state == UNKNOWN, unknown, (self.grid.state == OCCUPIED).astype(np.float32))
+        imagined = ImaginedMap.new(LOWER, VOXEL_M, occupancy, box)
+        self.shown.take_out(imagined)
+        for pose in claimed:
+            imagined.show(pose, SENSOR, RANGE_M)
+        return imagined
 
 
 def reachable_surface(lattice: Lattice) -> NDArray[np.bool_]:
@@ -74,9 +93,9 @@ def reachable_surface(lattice: Lattice) -> NDArray[np.bool_]:
     box = world.grid.centers(np.stack(np.indices(world.solid.shape), axis=-1))
     in_box = np.all((box > OBJECT_MIN) & (box < OBJECT_MAX), axis=-1)
     clear = ndimage.distance_transform_edt(world.solid == 0) * VOXEL_M > CLEARANCE_M
-    seen = np.zeros(world.solid.shape, dtype=np.bool_)
+    seen, rays = np.zeros(world.solid.shape, dtype=np.bool_), fibonacci_directions(8000)
     for position in lattice.positions_enu_m[clear[tuple(world.grid.index(lattice.positions_enu_m).T)]]:
-        seen |= world.visible(position, fibonacci_directions(8000))
+        seen |= world.voxels(position, rays, world.stops(position, rays)[:, None])
     return seen & (world.solid == 1) & in_box
 
 
@@ -103,16 +122,18 @@ def start(vehicles: int) -> tuple[World, list[NDArray[np.float64]]]:
     return world, positions
 
 
-def field_of(world: World) -> GainField:
-    spec = GainSpec(sensing_range_m=RANGE_M)
-    return gain_field(world.grid, world.surface(), OBJECT_MIN, OBJECT_MAX, spec, world.looks)
+def pays(gains_m2: list[float], legs_m: list[float]) -> bool:
+    return max(gains_m2) >= LEAST_GAIN_M2
 
 
 def decide(world: World, lattice: Lattice, positions: list[NDArray[np.float64]], asking: int, claimed: list[Pose],
-           taken: NDArray[np.bool_], largest: float) -> Decision:
-    area = field_of(world)
-    query = VehicleQuery(asking, positions[asking], distances(world, lattice, positions[asking]))
-    return next_views(area, lattice, SENSOR, [query], claimed, SearchSpec(), taken, largest)
+           taken: NDArray[np.bool_]) -> Plans:
+    way = distances(world, lattice, positions[asking])
+    for pose in claimed:
+        apart = np.linalg.norm(lattice.positions_enu_m - np.array(pose.position_enu_m), axis=1)
+        way[apart < SPEC.separation_m] = np.inf
+    return plan_views(world.imagined(claimed), lattice, SENSOR, RANGE_M, [Asker(asking, way)],
+                      np.where(taken, 0.0, 0.5), SPEC, pays)
 
 
 def explore(lattice: Lattice, vehicles: int, decisions: int) -> list[NDArray[np.bool_]]:
@@ -120,19 +141,16 @@ def explore(lattice: Lattice, vehicles: int, decisions: int) -> list[NDArray[np.
     world, positions = start(vehicles)
     taken = np.zeros((len(lattice.positions_enu_m), len(lattice.yaw_enu_rad)), dtype=np.bool_)
     flying: dict[int, Pose] = {}
-    curve, largest = [], 0.0
+    curve = []
     for n in range(decisions):
         v = n % vehicles
         if v in flying:
             pose = flying.pop(v)
-            world.looks = count_looks(field_of(world), world.looks, pose, SENSOR)
             world.take_picture(pose)
             positions[v] = np.array(pose.position_enu_m)
-        decision = decide(world, lattice, positions, v, list(flying.values()), taken, largest)
-        largest = max(largest, decision.best_gain_m2)
-        for given in decision.assignments:
-            flying[v] = given.pose
-            taken[given.position_index, given.orientation_index] = True
+        for plan in decide(world, lattice, positions, v, list(flying.values()), taken).plans:
+            flying[v] = lattice.pose(*plan.views[0])
+            taken[plan.views[0]] = True
         curve.append(world.grid.state == OCCUPIED)
     return curve
 
@@ -187,12 +205,13 @@ def test_two_vehicles_lose_little_per_decision(lattice: Lattice, ceiling: NDArra
     assert together.mean() >= 0.93 * alone.mean()
 
 
-def test_exploration_ends_by_itself(lattice: Lattice) -> None:
+def test_exploration_ends_where_everything_was_shown(lattice: Lattice) -> None:
     world, positions = start(1)
     world.grid.state[:] = np.where(world.solid == 1, OCCUPIED, FREE)
-    world.seen_count[:] = 3
-    taken = np.zeros((len(lattice.positions_enu_m), len(lattice.yaw_enu_rad)), dtype=np.bool_)
-    assert decide(world, lattice, positions, 0, [], taken, 50.0).assignments == []
+    way = distances(world, lattice, positions[0])
+    shown = replace(world.imagined([]), unseen=np.zeros(world.solid.shape, dtype=np.uint8))
+    found = plan_views(shown, lattice, SENSOR, RANGE_M, [Asker(0, way)], 0.5 * np.ones((len(way), 50)), SPEC, pays)
+    assert (found.plans, found.best_gain_m2) == ([], 0.0)
 
 
 def test_same_map_same_decisions(lattice: Lattice) -> None:

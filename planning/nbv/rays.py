@@ -109,19 +109,6 @@ def view_gains(label, chance, value, starts, directions, lower, upper, reach, fl
 
 
 @nb.njit(cache=True)
-def mark_rays(label, chance, seen, start, directions, reach, least):
-    """Set seen[voxel] = True for every voxel that rays from start reach with probability of at least `least`."""
-    for r in range(len(directions)):
-        voxel, walls, spans, steps = walk(start, directions[r])
-        t, through = 0.0, 1.0
-        while t < reach and through >= least:
-            if inside(label.shape, voxel):
-                seen[voxel] = True
-                through *= 1.0 - chance[label[voxel]]
-            voxel, t, walls = next_voxel(voxel, walls, spans, steps)
-
-
-@nb.njit(cache=True)
 def first_hit(state, wanted, start, direction, reach):
     """Ray length at which the first voxel with the wanted state is entered; inf when there is none within reach."""
     voxel, walls, spans, steps = walk(start, direction)

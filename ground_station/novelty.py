@@ -1,0 +1,52 @@
+"""What of the object no picture has shown yet, on the map with the unseen imagined."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from missions.camera import Pose
+from missions.frames import Array
+from missions.grid import VoxelGrid
+from missions.messages import SiteBrief
+from missions.mission import Mission
+from missions.pads import surface_box
+from perception.imagination.imagine import Imagination
+from planning.nbv.shown import ShownFaces
+from planning.nbv.sights import ImaginedMap
+
+RAYS_ACROSS = 60
+"""Rays by which a picture is counted: a voxel of half a metre apart at the end of the sensing range."""
+
+
+class Novelty:
+    """Keeps what the pictures have shown."""
+
+    def __init__(self, mission: Mission, site: SiteBrief) -> None:
+        self._mission, self._site = mission, site
+        camera = mission.camera.explore_camera()
+        self._coarse = camera.scaled(RAYS_ACROSS, math.ceil(RAYS_ACROSS * camera.height_px / camera.width_px))
+        self._range_m = mission.explore.sensing_range_m
+        self._imagination, self._shown = Imagination.load(), ShownFaces(self._coarse, self._range_m)
+
+    def add(self, pose: Pose) -> None:
+        """A picture was taken."""
+        self._shown.add(pose)
+
+    def imagined(self, grid: VoxelGrid, claimed: list[Pose]) -> ImaginedMap:
+        """The map, with as new what no picture has shown and none will that vehicles are on their way to take."""
+        object_min, object_max = np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m)
+        occupancy = self._imagination.occupancy(grid, object_min, object_max, self._site.ground_up_m)
+        imagined = ImaginedMap.new(grid.origin_enu_m, grid.voxel_m, occupancy,
+                                   _indices(grid, *surface_box(self._mission, self._site)))
+        self._shown.take_out(imagined)
+        for pose in claimed:
+            imagined.show(pose, self._coarse, self._range_m)
+        return imagined
+
+
+def _indices(grid: VoxelGrid, lower_enu_m: Array, upper_enu_m: Array) -> tuple[slice, ...]:
+    """The voxels that a box touches."""
+    first, last = np.maximum(grid.index(lower_enu_m), 0), grid.index(upper_enu_m) + 1
+    return tuple(slice(int(a), int(b)) for a, b in zip(first, last, strict=True))
