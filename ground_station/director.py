@@ -62,6 +62,7 @@ class Director:
         assert self._explore is not None
         self._explore.step()
         if self._explore.over:
+            self._explore.conclude()
             self._enter("survey" if self._control.mission.survey.enabled else "return")
 
     def _step_survey(self) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from planning.nbv.coverage import SurfaceTally
-from planning.nbv.stopping import Returns
+from planning.nbv.stopping import Price, Returns, pays
 
 
 @dataclass
@@ -57,6 +58,14 @@ class ExplorationLog:
         self.returns.settle(tally.seen_m2)
         self._arrived.clear()
         self.tally = tally
+
+    def worth(self, gains_m2: Sequence[float], legs_m: Sequence[float], price: Price) -> bool:
+        """Whether a way of views (k,) is worth its flight over legs (k,)."""
+        expected = self.returns.expected_m2_per_m(gains_m2, legs_m)
+        worth = pays(expected, self.returns, self.tally.coverage, price)
+        self.ended = "" if worth else (f"no way was worth its flight: {expected:.2f} m² per metre were expected, "
+                                       f"after {self.returns.mean_m2_per_m:.2f} on average")
+        return worth
 
     def document(self) -> dict[str, Any]:
         """For flight.json. `coverage`: what was believed at each view, and at last, of the surface that can be seen."""

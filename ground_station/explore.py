@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from ground_station.airspace import Airspace, joined
 from ground_station.energy import EnergyBudget
+from ground_station.exploration_log import ExplorationLog
 from ground_station.ingest import Picture
 from ground_station.legs import column_leg, picture_leg
 from ground_station.novelty import Novelty
@@ -24,10 +25,12 @@ from missions.mavlink import Waypoint
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import camera_bounds, geofence, hover_points, takeoff_columns
+from perception.depth.depth_map import DepthMap
 from perception.mapping.explorer_map import ExplorerMap
 from planning.nbv.lattice import build_lattice
 from planning.nbv.legs_ahead import Asker, Plan, plan_views
 from planning.nbv.outlook import AheadSpec
+from planning.nbv.stopping import Price
 from planning.paths import NoPath, Reach
 from planning.trajectories import Limits
 
@@ -85,11 +88,10 @@ class Leg:
 
 @dataclass(frozen=True)
 class Decision:
-    """Legs given out, vehicles that can reach no candidate at all, and the largest gain within reach."""
+    """Legs given out, and vehicles that can reach no candidate at all."""
 
     legs: list[Leg]
     stuck: list[int]
-    best_gain_m2: float
 
 
 class Explorer:
@@ -109,10 +111,13 @@ class Explorer:
         self._ahead = AheadSpec(Limits.of_fleet(mission.fleet), mission.fleet.separation_m + GOAL_SPACING_M)
         self.grid: VoxelGrid = self.map.grid()
         self._novelty = Novelty(mission, site)
-        self._largest_gain = 0.0
+        self._imagined = self._novelty.imagined(self.grid)
+        self.log, self._price = ExplorationLog(), Price(mission.explore.price_m2_per_m)
         self._next_view_id = 1
         self.key_views: dict[int, Pose] = {}
         self._pictured: dict[tuple[int, int], Pose] = {}
+        self._in_map: dict[int, int] = {}
+        """Key views' pictures as the map numbers them."""
         self.pictures_new = 0
         self._fallbacks: dict[int, int] = {}
 
@@ -122,7 +127,10 @@ class Explorer:
             return
         meta = picture.meta
         self._pictured[meta.vehicle_id, meta.view_id] = meta.pose
-        self.map.add_picture(picture.rgb, meta.camera, meta.pose)
+        number = self.map.add_picture(picture.rgb, meta.camera, meta.pose)
+        if meta.view_id in self.key_views:
+            self._in_map[meta.view_id] = number
+            self.log.arrived(meta.view_id)
         self.pictures_new += 1
         self._novelty.add(meta.pose)
 
@@ -139,11 +147,20 @@ class Explorer:
             self.map.update()
             self.pictures_new = 0
             self.grid = self.map.grid()
+            self._imagined = self._novelty.imagined(self.grid)
+            self.log.settle(self._novelty.tally(self.grid, self._imagined, self._lattice.positions_enu_m))
 
     @property
     def coverage(self) -> float:
-        """The map's own estimate of how much of the object's surface is known, 0 to 1."""
-        return self.map.predicted_coverage(np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m))
+        """Estimated share of the object's visible surface that was seen, 0 to 1."""
+        return self.log.tally.coverage
+
+    def depths(self, count: int) -> dict[int, DepthMap]:
+        """By view id, depth of as many key views, spread over the flight."""
+        found = {view_id: self.map.depth(number) for view_id, number in sorted(self._in_map.items())}
+        known = [(view_id, depth) for view_id, depth in found.items() if depth is not None]
+        chosen = np.linspace(0, len(known) - 1, min(count, len(known))).astype(np.int64)
+        return dict(known[int(n)] for n in chosen)
 
     def decide(self, asking: list[Asking], busy: list[Busy], hits_enu_m: Array = NO_HITS) -> Decision:
         """Next views for the hovering vehicles over the map as `refresh` left it. Ways keep clear of what vehicles have
@@ -155,11 +172,10 @@ class Explorer:
         may = np.array([self._may_go(a, way, claimed) for a, way in zip(asking, ways_m, strict=True)])
         askers = [Asker(a.vehicle_id, np.where(ok, w, np.inf)) for a, w, ok in zip(asking, ways_m, may, strict=True)]
         barred = np.isfinite(ways_m).any(axis=0) & ~may.any(axis=0)
-        found = plan_views(self._novelty.imagined(self.grid, claimed), self._lattice, self._camera,
+        found = plan_views(self._novelty.without(self._imagined, claimed), self._lattice, self._camera,
                            self._mission.explore.sensing_range_m, askers, self._chance(barred), self._ahead, self._pays)
-        self._largest_gain = max(self._largest_gain, found.best_gain_m2)
         stuck = [a.vehicle_id for a in askers if not np.isfinite(a.way_m).any()]
-        return Decision(self._legs(found.plans, airspace, reaches, asking, busy), stuck, found.best_gain_m2)
+        return Decision(self._legs(found.plans, airspace, reaches, asking, busy), stuck)
 
     def _legs(self, plans: list[Plan], airspace: Airspace, reaches: dict[int, Reach], asking: list[Asking],
               busy: list[Busy]) -> list[Leg]:
@@ -188,8 +204,11 @@ class Explorer:
         return np.where(self._taken | barred[:, None], 0.0, chance[:, None])
 
     def _pays(self, gains_m2: list[float], legs_m: list[float]) -> bool:
-        """Whether a plan is worth flying: the seam for rules that weigh gains against metres."""
-        return max(gains_m2) >= max(LEAST_GAIN_M2, self._mission.explore.stop_gain * self._largest_gain)
+        """Whether a plan is worth flying."""
+        if max(gains_m2) < LEAST_GAIN_M2:
+            self.log.ended = f"no view promised {LEAST_GAIN_M2:g} m²"
+            return False
+        return self.log.worth(gains_m2, legs_m, self._price)
 
     def column(self, vehicle_id: int) -> Leg:
         """The first pictures: on the vertical line over the pad, facing the object's centre."""
@@ -219,7 +238,7 @@ class Explorer:
         """Pictures on a vertical line from the first to the last height, facing the object's centre but for a turn."""
         yaw = self._yaw_to_object(foot_enu_m) + turn_rad
         return self._register(vehicle_id, column_leg(foot_enu_m, (first_up_m, last_up_m), yaw, CLIMB_PICTURES,
-                                                     self._next_view_id))
+                                                     self._next_view_id), abs(last_up_m - first_up_m))
 
     def _yaw_to_object(self, from_enu_m: Array) -> float:
         middle = 0.5 * (np.array(self._site.object_min_enu_m) + np.array(self._site.object_max_enu_m))
@@ -248,14 +267,16 @@ class Explorer:
     def _leg(self, a: Asking, path: Array, goal: Pose, gain_m2: float | None = None) -> Leg:
         start = Pose((0.0, 0.0, 0.0), a.yaw_enu_rad, a.elevation_rad)
         return self._register(a.vehicle_id, picture_leg(path, start, goal, self._mission.explore.frames_per_leg,
-                                                        self._next_view_id), gain_m2)
+                                                        self._next_view_id),
+                              float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()), gain_m2)
 
-    def _register(self, vehicle_id: int, waypoints: list[Waypoint], gain_m2: float | None = None) -> Leg:
+    def _register(self, vehicle_id: int, waypoints: list[Waypoint], leg_m: float, gain_m2: float | None = None) -> Leg:
         ids = [w.view_id for w in waypoints if w.view_id is not None]
         self._next_view_id += len(ids)
         last = waypoints[-1]
         goal = Pose(last.position_enu_m, last.yaw_enu_rad, last.gimbal_elevation_rad)
         self.key_views[ids[-1]] = goal
+        self.log.given(ids[-1], vehicle_id, len(ids), gain_m2 or 0.0, leg_m)
         return Leg(vehicle_id, waypoints, goal, gain_m2)
 
 

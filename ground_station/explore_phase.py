@@ -9,6 +9,9 @@ from ground_station.fleet import Drone, Stage
 MAX_TROUBLE = 8
 """Refused or blocked legs in a row after which a vehicle stops exploring."""
 
+SHOWN_DEPTHS = 4
+"""Pictures whose depth is kept for the report."""
+
 
 class ExplorePhase:
     """Who explores what next."""
@@ -66,6 +69,7 @@ class ExplorePhase:
                 self._fly_leg(drone, self.explorer.column(drone.vehicle_id))
             elif self._decisions >= self._mission.explore.max_views:
                 self._done_exploring.add(drone.vehicle_id)
+                self.explorer.log.ended = f"all {self._decisions} views were given out"
             elif self._usable_percent(drone) <= 0.0:
                 self._rest(drone)
         asking = [d for d in ready if d.stage is Stage.READY and d.vehicle_id not in self._done_exploring]
@@ -86,6 +90,7 @@ class ExplorePhase:
         self._asked.update(d.vehicle_id for d in asking)
         self._control.send_map(explorer.grid)
         self._recorder.predicted_coverage.append(round(explorer.coverage, 4))
+        self._recorder.exploration = explorer.log.document()
         others = [d for d in self._fleet.drones.values() if d.airborne and d not in asking]
         budget = self._mission.explore.max_views - self._decisions
         hits = self._control.unmapped_hits(explorer.grid)
@@ -115,6 +120,14 @@ class ExplorePhase:
         self._legs[drone.vehicle_id] = leg
         self._asked.discard(drone.vehicle_id)
         self._fleet.fly(drone, "explore", leg.waypoints)
+
+    def conclude(self) -> None:
+        """Exploration is over: keep what it knew."""
+        explorer = self.explorer
+        explorer.refresh()
+        self._recorder.exploration = explorer.log.document()
+        self._recorder.write_map(explorer.grid, explorer.map.surface())
+        self._recorder.write_depths(explorer.depths(SHOWN_DEPTHS))
 
     @property
     def over(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import surface_box
 from perception.imagination.imagine import Imagination
+from planning.nbv.coverage import SurfaceTally, surface_tally
 from planning.nbv.shown import ShownFaces
 from planning.nbv.sights import ImaginedMap
 
@@ -34,16 +36,27 @@ class Novelty:
         """A picture was taken."""
         self._shown.add(pose)
 
-    def imagined(self, grid: VoxelGrid, claimed: list[Pose]) -> ImaginedMap:
-        """The map, with as new what no picture has shown and none will that vehicles are on their way to take."""
+    def imagined(self, grid: VoxelGrid) -> ImaginedMap:
+        """The map, with as new what no picture has shown."""
         object_min, object_max = np.array(self._site.object_min_enu_m), np.array(self._site.object_max_enu_m)
         occupancy = self._imagination.occupancy(grid, object_min, object_max, self._site.ground_up_m)
-        imagined = ImaginedMap.new(grid.origin_enu_m, grid.voxel_m, occupancy,
-                                   _indices(grid, *surface_box(self._mission, self._site)))
+        imagined = ImaginedMap.new(grid.origin_enu_m, grid.voxel_m, occupancy, self._box(grid))
         self._shown.take_out(imagined)
-        for pose in claimed:
-            imagined.show(pose, self._coarse, self._range_m)
         return imagined
+
+    def tally(self, grid: VoxelGrid, imagined: ImaginedMap, positions_enu_m: Array) -> SurfaceTally:
+        """What of the object's surface was seen, and what views from positions (p, 3) are expected to show of it."""
+        return surface_tally(imagined, self._box(grid), positions_enu_m, self._range_m)
+
+    def without(self, imagined: ImaginedMap, claimed: list[Pose]) -> ImaginedMap:
+        """The same map, with nothing new in what pictures will show that vehicles are on their way to take."""
+        result = replace(imagined, unseen=imagined.unseen.copy())
+        for pose in claimed:
+            result.show(pose, self._coarse, self._range_m)
+        return result
+
+    def _box(self, grid: VoxelGrid) -> tuple[slice, ...]:
+        return _indices(grid, *surface_box(self._mission, self._site))
 
 
 def _indices(grid: VoxelGrid, lower_enu_m: Array, upper_enu_m: Array) -> tuple[slice, ...]:

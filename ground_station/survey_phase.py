@@ -40,8 +40,6 @@ class SurveyPhase:
         prior = control.prior
         grid = explorer.grid if explorer is not None else known_space(control.mission, control.site, prior)
         control.send_map(grid)
-        if explorer is not None:
-            self._recorder.write_map(grid, explorer.map.surface())
         explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
         flyers = self._flyers()
         starts, hits = [f.position_enu_m for f in flyers], control.unmapped_hits(grid)

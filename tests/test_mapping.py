@@ -6,15 +6,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.camera import Pose
-from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from missions.grid import FREE, OCCUPIED, UNKNOWN
 from perception.depth.depth_map import DepthMap
 from perception.mapping import carving
-from perception.mapping.explorer_map import ExplorerMap, predicted_coverage
+from perception.mapping.explorer_map import ExplorerMap
 from perception.mapping.voxel_map import VoxelMap
 from tests.depth_scene import CAMERA, exact_depth_map, halved, wall_picture
 
@@ -52,7 +51,6 @@ def test_empty_map_knows_nothing() -> None:
     voxels = VoxelMap(LOWER, UPPER, 0.5)
     assert (voxels.grid().state == UNKNOWN).all()
     assert len(voxels.surface().position_enu_m) == 0
-    assert predicted_coverage(voxels.grid(), LOWER, UPPER) == 0.0
 
 
 @settings(max_examples=8, deadline=None)
@@ -187,7 +185,6 @@ def test_take_off_column_makes_the_first_map() -> None:
     assert free[:, 1].max() < 0.0
     assert len(wall) > 300
     assert (np.abs(wall[:, 1] - 0.2) < 0.6).mean() > 0.98
-    assert 0.0 < explorer.predicted_coverage(np.array([-8.0, -1.0, 0.0]), np.array([8.0, 1.0, 12.0])) <= 1.0
     assert grid.state_at(np.array([0.0, -10.0, 6.0])) == FREE
 
 
@@ -206,10 +203,3 @@ def test_one_picture_or_a_turn_on_the_spot_maps_nothing() -> None:
     assert explorer.update() == []
     assert not (explorer.grid().state == OCCUPIED).any()
     assert explorer.depth(0) is None
-
-
-def test_predicted_coverage_counts_occupied_against_frontier() -> None:
-    state = np.zeros((3, 4, 1), np.uint8)
-    state[:, 0], state[:2, 1] = FREE, OCCUPIED
-    grid = VoxelGrid(np.zeros(3), 1.0, state)
-    assert predicted_coverage(grid, np.zeros(3), np.array([2.9, 3.9, 0.9])) == pytest.approx(2 / 3)

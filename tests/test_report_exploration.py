@@ -21,6 +21,7 @@ from missions.mission_file import write_mission
 from missions.run_folder import RunFolder, write_views
 from perception.evaluate.true_depth import depths_of_mesh
 from planning.nbv.coverage import SurfaceTally
+from planning.nbv.stopping import Price
 
 WALL = np.array([[10.0, -20.0, -20.0], [10.0, 20.0, -20.0], [10.0, 20.0, 20.0], [10.0, -20.0, 20.0]])
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -143,3 +144,17 @@ def test_views_under_way_have_brought_nothing_and_unknown_pictures_are_nobody_s(
     log.settle(SurfaceTally(10.0, 0.0))
     assert log.document()["views"] == []
     assert log.document()["coverage"] == 1.0
+
+
+def test_what_is_not_worth_its_flight_is_told_as_the_end() -> None:
+    log = ExplorationLog()
+    for view_id in range(4, 84, 4):
+        log.given(view_id, 1, 4, 10.0, 5.0)
+        log.arrived(view_id)
+        log.settle(SurfaceTally(2.5 * view_id, 1.0))
+    assert log.worth([10.0], [5.0], Price(m2_per_m=1.9))
+    assert log.ended == ""
+    assert not log.worth([10.0], [5.0], Price(m2_per_m=2.1))
+    assert log.ended == "no way was worth its flight: 2.00 m² per metre were expected, after 2.00 on average"
+    assert log.worth([10.0], [5.0], Price(m2_per_m=0.0))
+    assert log.ended == ""

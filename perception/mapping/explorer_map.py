@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from missions.camera import Camera, Pose
 from missions.frames import Array
-from missions.grid import FREE, OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
+from missions.grid import SurfaceVoxels, VoxelGrid
 from perception.depth.depth_map import DepthMap
 from perception.depth.pictures import PictureDepths
 from perception.depth.plane_sweep import SweepSettings
@@ -65,19 +64,3 @@ class ExplorerMap:
     def surface_points(self) -> Array:
         """(n, 3) where known surface was measured."""
         return self.voxels.surface_points()
-
-    def predicted_coverage(self, lower_enu_m: Array, upper_enu_m: Array) -> float:
-        """Share of the surface in a box believed to be mapped, from the map alone."""
-        return predicted_coverage(self.grid(), lower_enu_m, upper_enu_m)
-
-
-def predicted_coverage(grid: VoxelGrid, lower_enu_m: Array, upper_enu_m: Array) -> float:
-    """Occupied voxels in a box over those plus its frontier, the unknown voxels that touch free space; 0 at first."""
-    low = np.maximum(grid.index(np.asarray(lower_enu_m, float)), 0)
-    high = np.maximum(grid.index(np.asarray(upper_enu_m, float)) + 1, 0)
-    rim = np.minimum(low, 1)
-    around = grid.state[tuple(slice(int(a), int(b)) for a, b in zip(low - rim, high + 1, strict=True))]
-    box = tuple(slice(int(a), int(b)) for a, b in zip(rim, high - low + rim, strict=True))
-    frontier = (around == UNKNOWN) & ndimage.binary_dilation(around == FREE)
-    known = int((around[box] == OCCUPIED).sum())
-    return known / max(known + int(frontier[box].sum()), 1)
