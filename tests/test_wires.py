@@ -97,9 +97,10 @@ def test_a_leg_that_was_flown_is_open_both_ways() -> None:
     explored, lattice = Explored(brief()), brief().lattice
     a, b = (lattice.flat((1, 1, k, 0, 0)) // lattice.orientations for k in (0, 1))
     up, down = AXIS_STEPS.index((0, 0, 1)), AXIS_STEPS.index((0, 0, -1))
+    from_, to = (1, 1, 0, 0, 0), (1, 1, 1, 0, 0)
+    explored.see(Frame(vehicle=1, pose=lattice.pose(from_), index=None, rgb=grass(0)))
     assert not explored.known_free_edges()[a, up]
-    for index in ((1, 1, 0, 0, 0), (1, 1, 1, 0, 0)):
-        explored.see(Frame(vehicle=1, pose=lattice.pose(index), index=index, rgb=grass(0)))
+    explored.see(Frame(vehicle=1, pose=lattice.pose(to), index=to, rgb=grass(0)))
     for edges in (explored.open_edges(), explored.known_free_edges()):
         assert edges[a, up]
         assert edges[b, down]

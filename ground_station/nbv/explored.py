@@ -57,7 +57,8 @@ class Explored:
         self.grid: VoxelGrid = self._map.grid()
         self._stale = False
         self._wires = Wires(brief)
-        self._at = dict(enumerate(brief.starts, 1))
+        self._at: dict[int, int] = {}
+        """Position by flat number where each vehicle was last."""
         self._flown = np.zeros((len(self.lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)
 
     def see(self, frame: Frame) -> None:
@@ -65,17 +66,21 @@ class Explored:
         self._map.add_picture(frame.rgb, self._camera, self.scaled(frame.pose))
         self._wires.see(frame)
         self._stale = True
+        if frame.vehicle not in self._at:  # its first picture is from where it comes to its start
+            away = np.linalg.norm(self.lattice.positions_enu_m - self.scaled(frame.pose).position_enu_m, axis=1)
+            self._at[frame.vehicle] = int(away.argmin())
         if frame.index is not None:
-            self._flew(self._at[frame.vehicle], frame.index)
-            self._at[frame.vehicle] = frame.index
+            there = self.lattice.flat(frame.index) // self.lattice.orientations
+            self._flew(self._at[frame.vehicle], there)
+            self._at[frame.vehicle] = there
 
-    def _flew(self, start: Index5, end: Index5) -> None:
+    def _flew(self, start: int, end: int) -> None:
         """A leg that was flown is open, whatever a stray depth says: a vehicle can always go back as it came."""
-        step = tuple(np.subtract(end[:3], start[:3]).tolist())
-        if any(step):
-            a, b = (self.lattice.flat(i) // self.lattice.orientations for i in (start, end))
-            axis_step = AXIS_STEPS.index(step)
-            self._flown[a, axis_step] = self._flown[b, axis_step ^ 1] = True
+        a, b = (np.stack(np.unravel_index(at, self.lattice.shape)) for at in (start, end))
+        step = tuple((b - a).tolist())
+        if step in AXIS_STEPS:
+            along = AXIS_STEPS.index(step)
+            self._flown[start, along] = self._flown[end, along ^ 1] = True
 
     def refresh(self) -> None:
         """Bring the map up to date with the pictures."""

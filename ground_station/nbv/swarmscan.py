@@ -52,7 +52,6 @@ class Swarmscan:
         self._explored = Explored(brief)
         self._imagination, self._spec = make_imagination(options.adapt), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
-        self._came_from = dict(self._at)
         self._visited = set(self._at.values())
         self._plans: dict[int, list[int]] = {}
         yaw, elevation = self._lattice.yaw_elevation_rad.T
@@ -68,17 +67,19 @@ class Swarmscan:
             self._shown.add(self._explored.pose(frame.index))
 
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
-        """The first step of the best way; back to where it came from when none is known to be clear."""
+        """The first step of the best way; the vehicle waits while others block all that are known to be clear."""
         self._explored.refresh()
         imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
         tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
         self._returns.settle(tally.seen_m2)
         way = self._plan(vehicle, candidates, sights(imagined.doubted(), positions, self._orientations, RANGE))
+        if way is None:
+            return Choice(vehicle=vehicle, index=self._lattice.index(self._at[vehicle]),
+                          coverage_estimate=tally.coverage)
         legs = self._legs(self._at[vehicle], way.poses)
         expected = self._returns.expected_m2_per_m(way.gains_m2, legs)
         self._returns.promise(way.gains_m2[0], legs[0])
-        self._plans[vehicle], self._came_from[vehicle] = way.poses, self._at[vehicle]
-        self._at[vehicle] = way.poses[0]
+        self._plans[vehicle], self._at[vehicle] = way.poses, way.poses[0]
         self._visited.add(way.poses[0])
         return Choice(vehicle=vehicle, index=self._lattice.index(way.poses[0]),
                       predicted_gain=way.gains_m2[0] / self._explored.scale**2, coverage_estimate=tally.coverage,
@@ -98,8 +99,8 @@ class Swarmscan:
         self._shown.take_out(imagined)
         return imagined
 
-    def _plan(self, vehicle: int, candidates: list[Index5], seen: Sights) -> Way:
-        """The best way over what the other vehicles' plans leave to see."""
+    def _plan(self, vehicle: int, candidates: list[Index5], seen: Sights) -> Way | None:
+        """The best way over what the other vehicles' plans leave to see; None where no step is known to be clear."""
         left = seen.nothing_shown
         for other, poses in self._plans.items():
             if other != vehicle:
@@ -108,10 +109,8 @@ class Swarmscan:
         passable = self._passable()
         steps, here = self._lattice.steps, self._at[vehicle]
         promised = promises(seen, left, steps, passable, self._spec)
-        way = best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
-                       self._first_steps(vehicle, candidates, passable), promised, self._spec)
-        assert way is not None
-        return way
+        return best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
+                        self._first_steps(vehicle, candidates, passable), promised, self._spec)
 
     def _passable(self) -> Array:
         """(n, 30) how likely each step of the lattice is open."""
@@ -119,10 +118,9 @@ class Swarmscan:
         return self._lattice.per_step(np.where(self._explored.open_edges(), likely, 0.0))
 
     def _first_steps(self, vehicle: int, candidates: list[Index5], passable: Array) -> list[int]:
-        """Candidates that are known to be clear and new; else clear; else back; else any."""
-        here, given = self._at[vehicle], [self._lattice.flat(c) for c in candidates]
+        """Candidates that are known to be clear: the new ones where there are any. Back along the leg that it came by a
+        vehicle can always go."""
+        here = self._at[vehicle]
         open_ = self._lattice.steps[here][passable[here] == 1.0]
-        clear = [n for n in given if n in open_]
-        home = self._came_from[vehicle] // self._lattice.orientations
-        back = [n for n in given if n // self._lattice.orientations == home]
-        return [n for n in clear if n not in self._visited] or clear or back or given
+        clear = [n for n in map(self._lattice.flat, candidates) if n in open_]
+        return [n for n in clear if n not in self._visited] or clear
