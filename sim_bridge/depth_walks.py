@@ -17,8 +17,9 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from missions.camera import Pose
+from missions.camera import Camera, Pose
 from missions.errors import UserError
 from missions.frames import wrap_pi
 from missions.messages import SiteBrief
@@ -29,7 +30,7 @@ from missions.walks import Shot, Walks, truth_path, walks_path
 from sim_bridge.render import make_renderer
 from sim_bridge.render.sensor import encode_jpeg
 from sim_bridge.scenes.load import load_scene
-from sim_bridge.scenes.scene import Scene
+from sim_bridge.scenes.scene import Scene, merged
 from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
 
 log = logging.getLogger(__name__)
@@ -138,9 +139,19 @@ def write_walks(name: str, folder: Path, walks: int, moves: int, seed: int) -> N
     renderer.close()
     record = Walks(name, camera, mission.explore.sensing_range_m, shots, jpegs)
     walks_path(folder, name).write_bytes(msgspec.msgpack.encode(record))
-    depth = np.stack([walker.world.depth(camera, s.pose, BEFORE_FLIGHT_NS) for s in shots]).astype(np.float32)
-    own = np.stack([walker.object.depth(camera, s.pose, BEFORE_FLIGHT_NS) for s in shots]).astype(np.float32)
-    np.savez(truth_path(folder, name), depth_m=depth, on_object=np.isfinite(depth) & (own <= depth + SAME_M))
+    water = [p for p in scene.parts if p.water]
+    depth, own, wet = (np.stack([_depth(truth, camera, s.pose) for s in shots])
+                       for truth in (walker.world, walker.object, Truth(*merged(water)) if water else None))
+    seen = np.isfinite(depth)
+    np.savez(truth_path(folder, name), depth_m=depth, on_object=seen & (own <= depth + SAME_M),
+             on_water=seen & (wet <= depth + SAME_M))
+
+
+def _depth(truth: Truth | None, camera: Camera, pose: Pose) -> NDArray[np.float32]:
+    """(h, w) depth of what there is; inf where there is nothing."""
+    if truth is None:
+        return np.full((camera.height_px, camera.width_px), np.inf, np.float32)
+    return truth.depth(camera, pose, BEFORE_FLIGHT_NS).astype(np.float32)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

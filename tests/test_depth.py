@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.camera import Pose
+from missions.errors import UserError
 from perception.depth import torch_volume
-from perception.depth.confidence import FEATURES, features, fitted, log_odds, trusted
+from perception.depth.confidence import FAR_M, FEATURES, WEIGHTS, Confidence, features, right, shipped, trusted
 from perception.depth.cost_volume import cost_volume
 from perception.depth.depth_map import DepthMap
 from perception.depth.filling import filled
-from perception.depth.fusion import consensus
+from perception.depth.fusion import Consensus, consensus
+from perception.depth.learning import learnt, line
 from perception.depth.pictures import PictureDepths
 from perception.depth.plane_sweep import Frame, SweepSettings, estimate, make_frame
 from perception.depth.sky import sky_mask
@@ -160,34 +163,38 @@ def test_sources_serve_both_sides_of_the_picture() -> None:
     assert 2 in chosen
 
 
-def _wall_and_neighbours() -> tuple[list[DepthMap], list[np.ndarray]]:
+def _wall_and_neighbours() -> tuple[list[DepthMap], list[Frame]]:
     poses = _sideways(8.0)
     pictures = [wall_picture(pose) for pose in poses]
     maps = [exact_depth_map(pose, halved(depth), 1e-3) for pose, (_, depth) in zip(poses, pictures, strict=True)]
-    return maps, [make_frame(rgb, CAMERA, pose).gray for pose, (rgb, _) in zip(poses, pictures, strict=True)]
+    return maps, [make_frame(rgb, CAMERA, pose) for pose, (rgb, _) in zip(poses, pictures, strict=True)]
+
+
+def _vote(own: DepthMap, maps: list[DepthMap], frames: list[Frame]) -> Consensus:
+    return consensus(own, frames[0].gray, maps[1:], [frame.gray for frame in frames[1:]])
 
 
 def test_neighbours_confirm_truth_and_correct_a_ghost() -> None:
-    maps, grays = _wall_and_neighbours()
+    maps, frames = _wall_and_neighbours()
     true, ghost = maps[0].depth_m, maps[0].depth_m.copy()
     ghost[40:60, 100:120] = 4.0
-    vote = consensus(replace(maps[0], depth_m=ghost), grays[0], maps[1:], grays[1:])
+    vote = _vote(replace(maps[0], depth_m=ghost), maps, frames)
     middle = np.s_[30:70, 90:130]
     assert np.abs(vote.depth_m[middle] / true[middle] - 1.0).max() < 0.01
     assert (vote.agree[80:, 60:170] >= 3).mean() > 0.95
     assert (vote.against[80:, 60:170] == 0).all()
 
 
-def test_a_ghost_that_others_see_through_is_not_trusted() -> None:
+def test_a_ghost_that_others_see_through_is_doubted() -> None:
     """Where no neighbour answers on the ray, the ghost stays the best guess, and only its confidence falls."""
-    maps, grays = _wall_and_neighbours()
-    ghost = replace(maps[0], depth_m=np.full_like(maps[0].depth_m, 4.0))
-    voted, true = (consensus(own, grays[0], maps[1:], grays[1:]) for own in (ghost, maps[0]))
+    maps, frames = _wall_and_neighbours()
+    doubtful = (0.3 * maps[0].confidence).astype(np.float32)
+    ghost = replace(maps[0], depth_m=np.full_like(maps[0].depth_m, 4.0), confidence=doubtful)
+    voted, true = (_vote(own, maps, frames) for own in (ghost, maps[0]))
     seen_through = (np.abs(voted.depth_m - 4.0) < 0.05) & (voted.against >= 2)
-    odds = log_odds(features(ghost, voted, grays[0]), voted.depth_m)
-    good = log_odds(features(maps[0], true, grays[0]), true.depth_m)
-    assert not trusted(odds, voted.depth_m)[seen_through].any()
-    assert np.median(good[20:-20, 40:-40]) > 2.0
+    odds, good = (shipped().log_odds(features(own, vote, frames[0])) for own, vote in ((ghost, voted), (maps[0], true)))
+    assert np.median(odds[seen_through]) < 0.0
+    assert np.median(good[20:-20, 40:-40]) > 3.0
 
 
 def test_filling_takes_the_side_that_looks_alike() -> None:
@@ -201,18 +208,61 @@ def test_filling_takes_the_side_that_looks_alike() -> None:
     assert np.array_equal(filled(blank, np.zeros_like(trusted), gray), blank)
 
 
-def test_fitted_confidence_is_calibrated_where_the_model_holds() -> None:
+def test_what_is_said_to_be_far_must_be_surer_and_what_stands_out_less_so() -> None:
+    depth, odds = np.array([[2.0, 20.0, 20.0, 60.0]], np.float32), np.full((1, 4), 1.0, np.float32)
+    evidence = np.zeros((len(FEATURES), 1, 4), np.float32)
+    evidence[FEATURES.index("farther"), 0, 2] = 0.5
+    assert trusted(odds, depth, evidence).tolist() == [[True, False, True, False]]
+
+
+def test_learnt_confidence_is_calibrated_and_the_same_again() -> None:
     rng = np.random.default_rng(4)
-    x = np.column_stack([np.ones(40_000), rng.normal(size=(40_000, 2))]).astype(np.float32)
-    true = np.array([0.5, 1.2, -0.7])
-    right = rng.uniform(size=len(x)) < 1.0 / (1.0 + np.exp(-(x @ true)))
-    assert np.abs(fitted(x, right) - true).max() < 0.06
+    x = rng.normal(size=(40_000, 3)).astype(np.float32)
+    odds = 0.5 + 1.2 * x[:, 0] - 2.0 * x[:, 1] * x[:, 2]
+    truth = rng.uniform(size=len(x)) < 1.0 / (1.0 + np.exp(-odds))
+    first, again = (learnt(x, truth, epochs=60)[0] for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(first.layers, again.layers, strict=True))
+    said = first.log_odds(x.T.copy()[:, None])[0]
+    for low in (-2.0, 0.0, 2.0):
+        some = np.abs(said - low) < 0.5
+        assert abs(truth[some].mean() - (1.0 / (1.0 + np.exp(-said[some]))).mean()) < 0.03
+    assert np.corrcoef(said, odds)[0, 1] > 0.95
 
 
-def test_confidence_has_a_weight_for_every_feature() -> None:
-    maps, grays = _wall_and_neighbours()
-    vote = consensus(maps[0], grays[0], maps[1:], grays[1:])
-    assert features(maps[0], vote, grays[0]).shape == (len(FEATURES), *grays[0].shape)
+def test_line_through_log_odds_is_found_again() -> None:
+    rng = np.random.default_rng(5)
+    odds = rng.normal(0.0, 2.0, 40_000).astype(np.float32)
+    truth = rng.uniform(size=len(odds)) < 1.0 / (1.0 + np.exp(-(0.6 + 0.4 * odds)))
+    assert np.abs(line(odds, truth) - [0.6, 0.4]).max() < 0.04
+
+
+def test_confidence_has_a_weight_for_every_feature_and_survives_its_file(tmp_path: Path) -> None:
+    maps, frames = _wall_and_neighbours()
+    evidence = features(maps[0], _vote(maps[0], maps, frames), frames[0])
+    assert evidence.shape == (len(FEATURES), *frames[0].gray.shape)
+    copy, empty = tmp_path / "copy.safetensors", tmp_path / "empty.safetensors"
+    shipped().save(copy)
+    assert copy.read_bytes() == WEIGHTS.read_bytes()
+    assert np.array_equal(Confidence.load(copy).log_odds(evidence), shipped().log_odds(evidence))
+    empty.write_bytes(b"")
+    with pytest.raises(UserError, match=r"empty\.safetensors"):
+        Confidence.load(empty)
+
+
+@given(st.floats(0.5, 90.0), st.floats(0.5, 90.0))
+def test_beyond_the_horizon_all_depths_are_right(ours: float, true: float) -> None:
+    said = bool(right(np.float32([ours]), np.float32([true]))[0])
+    assert said or abs(ours - true) > 0.049 * min(true, FAR_M)
+    assert not said or abs(ours - true) < 0.051 * true or min(ours, true) > 0.94 * FAR_M
+
+
+def test_nothing_is_seen_nearer_than_where_the_frusta_cross() -> None:
+    """Two cameras 1.5 m to the right: the farther left a pixel, the farther off must be what they see of it."""
+    here, *there = (make_frame(np.zeros((256, 456, 3), np.uint8), CAMERA, Pose((x, 0.0, 5.0), NORTH, 0.0))
+                    for x in (0.0, 1.5, 1.5))
+    sight = estimate(here, there).sight
+    reach = (here.camera.cx_px / here.camera.fx_px + np.array([-60.0, -20.0, 40.0]) / here.camera.fx_px) / 1.5
+    assert sight[64, [54, 94, 154]] == pytest.approx(np.minimum(reach, 1.0), abs=0.06)
 
 
 def test_edge_along_the_epipolar_line_determines_nothing() -> None:

@@ -11,6 +11,20 @@ import pytest
 import trimesh
 
 from ground_station.bench.depth import main
+from ground_station.bench.depth_causes import (
+    BEFORE,
+    BEHIND,
+    ELSEWHERE,
+    GHOST,
+    NEARLY,
+    OPEN,
+    PLACES,
+    RIGHT_,
+    SILENT,
+    causes,
+    places,
+    verdicts,
+)
 from ground_station.bench.depth_scores import RIGHT, calibration_error, counted, ghosts, judged, sparsification, summary
 from missions.camera import Camera, Pose
 from perception.depth.depth_map import DepthMap
@@ -38,7 +52,7 @@ def test_only_surface_in_range_counts_and_silence_is_told(wall: tuple[np.ndarray
     true, ours = wall
     count = counted(true, RAYS_M, 25.0)
     assert np.array_equal(count, np.isfinite(true))
-    row = summary("wall", 1, judged(ours, true, count, count), ghosts(ours, true, RAYS_M, 25.0), 0.1)
+    row = summary("wall", 1, judged(ours, true, count, ~count, count), ghosts(ours, true, ~count, RAYS_M, 25.0), 0.1)
     assert row.answered == pytest.approx(0.9)
     assert (row.abs_rel, row.delta_1_25) == (0.0, 1.0)
     assert row.abs_rel_all == pytest.approx(0.1)
@@ -51,16 +65,48 @@ def test_only_surface_in_range_counts_and_silence_is_told(wall: tuple[np.ndarray
 def test_a_picture_without_depth_is_as_wrong_as_can_be(wall: tuple[np.ndarray, DepthMap]) -> None:
     true, _ = wall
     count = np.isfinite(true)
-    row = summary("wall", 1, judged(None, true, count, count), np.zeros(2, np.int64), 0.1)
+    row = summary("wall", 1, judged(None, true, count, ~count, count), np.zeros(4, np.int64), 0.1)
     assert (row.answered, row.abs_rel_all, row.delta_1_25_all) == (0.0, 1.0, 0.0)
 
 
 def test_surface_claimed_in_the_sky_is_a_ghost(wall: tuple[np.ndarray, DepthMap]) -> None:
     true, ours = wall
     bold = replace(ours, depth_m=np.full_like(ours.depth_m, 10.0), valid=np.ones_like(ours.valid))
-    wrong, claimed = ghosts(bold, true, RAYS_M, 25.0)
+    wrong, claimed, _, _ = ghosts(bold, true, np.zeros_like(bold.valid), RAYS_M, 25.0)
     assert claimed == true.size
     assert wrong == np.isinf(true).sum()
+
+
+def test_water_claimed_elsewhere_is_false_and_silence_is_not(wall: tuple[np.ndarray, DepthMap]) -> None:
+    """All of the wall is water: a tenth of it is doubted, and then claimed at twice its distance."""
+    true, doubting = wall
+    wet = np.isfinite(true)
+    claiming = replace(doubting, valid=wet)
+    for ours, false in ((doubting, 0.0), (claiming, 0.1)):
+        ghost = ghosts(ours, true, wet, np.ones_like(RAYS_M), 25.0)
+        row = summary("lake", 1, judged(ours, true, ~wet, wet, wet), ghost, 0.1)
+        assert row.water == 1.0
+        assert row.answered_water == pytest.approx(0.9 + false)
+        assert row.abs_rel_water == pytest.approx(false)
+        assert row.false_water == pytest.approx(false)
+
+
+def test_every_pixel_gets_the_verdict_that_it_deserves() -> None:
+    true = np.full((48, 64), 10.0, np.float32)
+    true[:, 48:] = np.inf
+    depth = np.array([10.1, 11.5, 16.0, 40.0, 5.0, 10.0, 8.0, 60.0]).repeat(8)
+    valid = np.arange(8).repeat(8) != 5
+    ours = _map(np.tile(depth, (48, 1)), np.tile(valid, (48, 1)), np.ones(true.shape))
+    verdict = verdicts(ours, true, RAYS_M, 25.0)
+    assert verdict[24, 4::8].tolist() == [RIGHT_, NEARLY, BEHIND, OPEN, BEFORE, SILENT, GHOST, ELSEWHERE]
+    place = places(np.full((48, 64, 3), 90, np.uint8), true, np.zeros(true.shape, np.bool_))
+    assert PLACES[place[24, 20]] == "on bare surface"
+    assert PLACES[place[24, 46]] == "within 3 pixels of an edge in depth"
+    summed = causes(verdict, place, ours, true)
+    answered = np.isfinite(true) & np.tile(valid, (48, 1))
+    assert summed.pixels.sum() == answered.sum()
+    assert summed.error.sum() == pytest.approx(np.abs(ours.depth_m[answered] / 10.0 - 1.0).sum(), rel=1e-5)
+    assert summed.error[BEHIND].sum() == pytest.approx(0.6 * 8 * 48, rel=1e-5)
 
 
 def test_sparsification_by_the_error_itself_is_the_least() -> None:
@@ -75,7 +121,7 @@ def test_honest_confidence_is_calibrated_and_boasting_is_not(wall: tuple[np.ndar
     true, ours = wall
     count = np.isfinite(true)
     honest = judged(replace(ours, confidence=np.where(ours.depth_m < 15.0, 1.0, 0.0).astype(np.float32)), true, count,
-                    count)
+                    ~count, count)
     boast = replace(honest, confidence=np.ones_like(honest.confidence))
     assert calibration_error(honest) == 0.0
     assert calibration_error(boast) == pytest.approx(float((honest.error >= RIGHT).mean()))
@@ -96,4 +142,6 @@ def test_given_file_is_walked_judged_and_shown(tmp_path: Path, capsys: pytest.Ca
     assert first[0]["pictures"] == 9
     assert first[0]["answered"] > 0.5
     assert first[0]["delta_1_25"] > 0.9
-    assert "data:image/jpeg" in page.read_text(encoding="utf-8")
+    shown = page.read_text(encoding="utf-8")
+    assert "data:image/jpeg" in shown
+    assert "part of all error" in shown

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from ground_station.bench.depth_causes import causes, places, verdicts
 from ground_station.bench.depth_fit import fit
 from ground_station.bench.depth_page import Shown, write_page
 from ground_station.bench.depth_scores import Pixels, Row, counted, ghosts, judged, summary
@@ -33,9 +34,10 @@ from perception.warm_up import warm_up
 
 BUILT_IN = ("bridge", "building", "powerline", "statue")
 FIELDS = {"answered": "answered", "abs_rel": "abs rel", "delta_1_25": "δ<1.25", "abs_rel_all": "abs rel, all",
-          "delta_1_25_all": "δ<1.25, all", "answered_thin": "thin answered", "abs_rel_thin": "thin abs rel",
-          "called_open": "called open", "ghosts": "ghosts",
-          "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
+          "delta_1_25_all": "δ<1.25, all", "complete": "found", "complete_thin": "thin found",
+          "abs_rel_thin": "thin abs rel", "called_open": "called open", "ghosts": "ghosts",
+          "false_water": "false water", "ause": "AUSE", "oracle": "oracle", "calibration": "ECE",
+          "cpu_seconds": "CPU s"}
 
 
 def main(argv: Sequence[str]) -> int:
@@ -46,8 +48,7 @@ def main(argv: Sequence[str]) -> int:
         folder = options.data or Path(scratch)
         _take_pictures(folder, options)
         if options.fit:
-            weights = fit(folder, options.scenes)
-            sys.stdout.write(f"{json.dumps(weights)}\n")
+            sys.stdout.write(f"{json.dumps(fit(folder, options.scenes, options.fit))}\n")
             return 0
         results = [evaluate(folder, scene) for scene in track(options.scenes, "depth", console=Console(stderr=True),
                                                               disable=options.json)]
@@ -71,15 +72,17 @@ def evaluate(folder: Path, scene: str) -> tuple[Row, Pixels, NDArray[np.int64], 
     depths = [online.depth(i) for online in online_depths(walks) for i in range(len(online))]
     cpu_seconds = (time.process_time() - start) / len(walks.shots)
     with np.load(truth_path(folder, scene)) as truth:
-        true, on_object = truth["depth_m"], truth["on_object"]
+        true, on_object, on_water = truth["depth_m"], truth["on_object"], truth["on_water"]
     rays_m = ray_lengths(walks.camera)
-    parts, shown, ghost = [], [], np.zeros(2, np.int64)
+    parts, shown, ghost = [], [], np.zeros(4, np.int64)
     for i, depth in enumerate(depths):
         count = counted(true[i], rays_m, walks.sensing_range_m)
-        parts.append(judged(depth, true[i], on_object[i], count))
+        parts.append(judged(depth, true[i], on_object[i], on_water[i], count))
         if depth is not None:
-            ghost += ghosts(depth, true[i], rays_m, walks.sensing_range_m)
-            shown.append(Shown(scene, i, picture(walks.jpegs[i]), true[i], depth, count))
+            ghost += ghosts(depth, true[i], on_water[i], rays_m, walks.sensing_range_m)
+            rgb, verdict = picture(walks.jpegs[i]), verdicts(depth, true[i], rays_m, walks.sensing_range_m)
+            found = causes(verdict, places(rgb, true[i], on_water[i]), depth, true[i])
+            shown.append(Shown(scene, i, rgb, true[i], depth, verdict, found))
     pixels = Pixels.joined(parts)
     return summary(scene, len(depths), pixels, ghost, cpu_seconds), pixels, ghost, shown
 
@@ -105,8 +108,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--data", type=Path, help="folder that keeps pictures and truth for the next run; scenes that "
                         "it already holds are not walked anew")
     parser.add_argument("--page", type=Path, help="write the worst pictures and the curves to this HTML page")
-    parser.add_argument("--fit", action="store_true", help="print the confidence's weights fitted on these scenes, "
-                        "and score nothing")
+    parser.add_argument("--fit", type=Path, metavar="FILE", help="train the confidence on these scenes, write its "
+                        "weights to this safetensors file, and score nothing")
     parser.add_argument("--json", action="store_true", help="one JSON document instead of a table")
     return parser.parse_args(argv)
 

@@ -25,6 +25,8 @@ DELTA = 1.25
 THIN_PX = 5
 """What a square of so many pixels does not fit into, and what stands NEARER times before its surroundings, is thin."""
 NEARER = 1.1
+COMPLETE = 0.1
+"""The relative error up to which an answered pixel counts as surface found."""
 RIGHT = 0.05
 """The relative error below which an answer counts as right for the calibration of the confidence."""
 SHARES = np.arange(0.0, 1.0, 0.02)
@@ -42,6 +44,7 @@ class Pixels:
     answered: Mask
     confidence: Floats
     on_object: Mask
+    on_water: Mask
     thin: Mask
     said_nothing: Mask
 
@@ -71,6 +74,17 @@ class Row:
     answered_thin: float
     thin: float
     """Share of the counted pixels that lie on something thin."""
+    complete: float
+    """Share of the counted pixels that are answered to COMPLETE ..."""
+    complete_thin: float
+    """... and of those on something thin."""
+    water: float
+    """Share of the counted pixels that lie on water."""
+    answered_water: float
+    abs_rel_water: float
+    false_water: float
+    """Share of all water pixels, at any distance, that are claimed to be surface in range and are not within COMPLETE:
+    what would stand in the map at a wrong place."""
     called_open: float
     """Share of the counted pixels taken for sky or for something far away: the map may carve through them."""
     ghosts: float
@@ -111,10 +125,10 @@ def thin(depth_m: Floats) -> Mask:
     return result
 
 
-def judged(ours: DepthMap | None, depth_m: Floats, on_object: Mask, count: Mask) -> Pixels:
+def judged(ours: DepthMap | None, depth_m: Floats, on_object: Mask, on_water: Mask, count: Mask) -> Pixels:
     """One picture's counted pixels. Without a depth map every pixel is unanswered and as wrong as a depth of zero."""
     true, n = depth_m[count], int(count.sum())
-    parts = on_object[count], thin(depth_m)[count]
+    parts = on_object[count], on_water[count], thin(depth_m)[count]
     if ours is None:
         nothing = np.zeros(n, np.bool_)
         return Pixels(np.ones(n, np.float32), np.full(n, np.inf, np.float32), nothing, np.zeros(n, np.float32), *parts,
@@ -125,22 +139,28 @@ def judged(ours: DepthMap | None, depth_m: Floats, on_object: Mask, count: Mask)
     return Pixels(np.abs(depth - true) / true, ratio, valid, confidence, *parts, none)
 
 
-def ghosts(ours: DepthMap, depth_m: Floats, rays_m: Array, range_m: float) -> NDArray[np.int64]:
-    """(2,) pixels of a picture answered in the range with nothing there, and all that are answered in the range."""
+def ghosts(ours: DepthMap, depth_m: Floats, on_water: Mask, rays_m: Array, range_m: float) -> NDArray[np.int64]:
+    """(4,) pixels of a picture answered in the range with nothing there, and all that are answered in the range;
+    pixels of water claimed to be surface in the range elsewhere, and all of water."""
     depth, valid = full_size(ours.depth_m, depth_m.shape), full_size(ours.valid, depth_m.shape)
     claimed = valid & (depth * rays_m <= range_m)
-    return np.array([(claimed & (depth_m >= DELTA * depth)).sum(), claimed.sum()], np.int64)
+    elsewhere = claimed & on_water & (np.abs(depth - depth_m) > COMPLETE * depth_m)
+    return np.array([(claimed & (depth_m >= DELTA * depth)).sum(), claimed.sum(), elsewhere.sum(), on_water.sum()],
+                    np.int64)
 
 
 def summary(scene: str, pictures: int, p: Pixels, ghost: NDArray[np.int64], cpu_seconds: float) -> Row:
-    """The row of a scene; ghost: (2,) sums of `ghosts`."""
-    a, own, fine = p.answered, p.on_object, p.thin
+    """The row of a scene; ghost: (4,) sums of `ghosts`."""
+    a, own, fine, wet = p.answered, p.on_object, p.thin, p.on_water
+    found = a & (p.error < COMPLETE)
     curve, best = sparsification(p.error, -p.confidence), sparsification(p.error, p.error)
     curve_answered = sparsification(p.error[a], -p.confidence[a])
     best_answered = sparsification(p.error[a], p.error[a])
     return Row(scene, pictures, len(a), _mean(a), _mean(p.error[a]), _mean(p.ratio[a] < DELTA), _mean(p.error),
                _mean(p.ratio < DELTA), float(np.median(p.error)) if len(a) else 0.0, _mean(p.error[a & own]),
-               _mean(a[own]), _mean(p.error[a & fine]), _mean(a[fine]), _mean(fine), _mean(p.said_nothing),
+               _mean(a[own]), _mean(p.error[a & fine]), _mean(a[fine]), _mean(fine), _mean(found), _mean(found[fine]),
+               _mean(wet), _mean(a[wet]), _mean(p.error[a & wet]), float(ghost[2] / max(int(ghost[3]), 1)),
+               _mean(p.said_nothing),
                float(ghost[0] / max(int(ghost[1]), 1)),
                float((curve - best).mean()), float((_mean(p.error) - best).mean()), float(best.mean()),
                float((curve_answered - best_answered).mean()), float(best_answered.mean()),

@@ -13,18 +13,27 @@ from missions.camera import Camera
 from missions.errors import UserError
 from missions.frames import Array
 from missions.walks import Walks
+from perception.depth.confidence import Confidence
 from perception.depth.pictures import PictureDepths
+from perception.depth.plane_sweep import SweepSettings
 
 
-def online_depths(walks: Walks) -> Iterator[PictureDepths]:
-    """Per walk, in order, what is known at its end."""
+def online_updates(walks: Walks, sweep: SweepSettings | None = None,
+                   confidence: Confidence | None = None) -> Iterator[tuple[int, PictureDepths, list[int]]]:
+    """Per key view: the number of its walk's first picture, what is known by then, and what was estimated for it."""
+    first = 0
     for _, group in itertools.groupby(zip(walks.shots, walks.jpegs, strict=True), key=lambda pair: pair[0].walk):
-        online = PictureDepths()
+        online = PictureDepths(sweep, confidence=confidence)
         for shot, jpeg in group:
             online.add(picture(jpeg), walks.camera, shot.pose)
             if shot.key:
-                online.update()
-        yield online
+                yield first, online, online.update()
+        first += len(online)
+
+
+def online_depths(walks: Walks) -> list[PictureDepths]:
+    """Per walk, in order, what is known at its end."""
+    return list({first: online for first, online, _ in online_updates(walks)}.values())
 
 
 def picture(jpeg: bytes) -> NDArray[np.uint8]:

@@ -33,6 +33,10 @@ class DepthMap:
     """(h, w), or (1, 1) for all alike: pixels without a trusted depth that likely show nothing within any sensing
     range; never valid."""
 
+    sight: Image = field(default_factory=lambda: np.ones((1, 1), np.float32))
+    """(h, w), or (1, 1) for all alike: the inverse depth, 1/m, up to which the pixel's ray was looked along from
+    elsewhere; what is nearer went unseen."""
+
     def sigma_m(self) -> Image:
         """(h, w) standard deviation of depth."""
         result: Image = (self.sigma_per_depth2 * self.depth_m**2).astype(np.float32)

@@ -57,12 +57,16 @@ def _fill(near: Image, trusted: Mask, gray: Image, result: Image) -> None:
 
 @compiled
 def _weighted_median(value: Image, say: Image, total: np.float32) -> np.float32:
-    """The least value up to which half of all weight lies; values (n,) need no order."""
-    order = np.argsort(value)
-    reached = np.float32(0.0)
-    for i in order:
+    """The least value up to which half of all weight lies; values (n,) need no order and are put into it."""
+    for i in range(1, len(value)):
+        v, s, j = value[i], say[i], i - 1
+        while j >= 0 and value[j] > v:
+            value[j + 1], say[j + 1] = value[j], say[j]
+            j -= 1
+        value[j + 1], say[j + 1] = v, s
+    reached, i = say[0], 0
+    while reached + reached < total and i < len(value) - 1:
+        i += 1
         reached += say[i]
-        if reached + reached >= total:
-            break
     result: np.float32 = value[i]
     return result

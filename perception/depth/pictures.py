@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
-from perception.depth.confidence import BEYOND, FAR_M, FILLED, features, log_odds, probability, trusted
+from perception.depth.confidence import (
+    BEYOND,
+    FAR_M,
+    Confidence,
+    Evidence,
+    features,
+    probability,
+    shipped,
+    trusted,
+)
 from perception.depth.depth_map import DepthMap, Image
 from perception.depth.filling import filled
 from perception.depth.fusion import Consensus, consensus
@@ -39,8 +48,8 @@ class PictureDepths:
     """Pictures with poses in, depth maps out. Deterministic: the same calls give the same depth on any thread count."""
 
     def __init__(self, settings: SweepSettings | None = None, sources: int = 6, min_sources: int = 2,
-                 workers: int = 4) -> None:
-        self._sweep = settings or SweepSettings()
+                 workers: int = 4, confidence: Confidence | None = None) -> None:
+        self._sweep, self._confidence = settings or SweepSettings(), confidence or shipped()
         self._count, self._least = sources, min_sources
         self._pictures: list[_Picture] = []
         self._considered = 0
@@ -94,19 +103,20 @@ class PictureDepths:
     def _checked(self, index: int) -> DepthMap:
         """A picture's depth map checked against those of its neighbours."""
         depth, vote = self._vote(index)
-        gray = self._pictures[index].frame.gray
-        odds = log_odds(features(depth, vote, gray), vote.depth_m)
-        good = trusted(odds, vote.depth_m)
-        guess = filled(vote.depth_m, good & ~depth.sky, gray)
+        frame, (offset, slope) = self._pictures[index].frame, self._confidence.filled
+        evidence = features(depth, vote, frame)
+        odds = self._confidence.log_odds(evidence)
+        good = trusted(odds, vote.depth_m, evidence)
+        guess = filled(vote.depth_m, good & ~depth.sky, frame.gray)
         beyond = (vote.depth_m > FAR_M) & (odds >= BEYOND) & ~good & ~depth.sky
-        odds = np.where(good, odds, FILLED[0] + FILLED[1] * odds)
+        odds = np.where(good, odds, offset + slope * odds)
         return replace(depth, depth_m=guess, valid=good & ~depth.sky, beyond=beyond, confidence=probability(odds))
 
-    def evidence(self, index: int) -> tuple[Image, NDArray[np.float32]]:
+    def evidence(self, index: int) -> tuple[Image, Evidence]:
         """For a picture that has been estimated: (h, w) depth as the vote has it by now, and (features, h, w) what its
         confidence is reckoned from."""
         depth, vote = self._vote(index)
-        return vote.depth_m, features(depth, vote, self._pictures[index].frame.gray)
+        return vote.depth_m, features(depth, vote, self._pictures[index].frame)
 
     def _vote(self, index: int) -> tuple[DepthMap, Consensus]:
         """A picture's own estimate, and what its neighbours make of it."""

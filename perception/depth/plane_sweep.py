@@ -21,6 +21,7 @@ from perception.depth.depth_map import DepthMap, Image
 from perception.depth.sky import sky_mask
 
 COST_SCALE = 250.0
+SIGHT_STEPS = 32
 FARTHEST_M = 100.0
 """Depth that stands for all beyond it; pictures of one flight do not tell them apart."""
 
@@ -53,10 +54,11 @@ class SweepSettings:
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture made ready for matching: grey at the volume's resolution."""
+    """One picture made ready for matching, at the volume's resolution."""
 
     camera: Camera
     pose: Pose
+    rgb: NDArray[np.uint8]
     gray: Image
     sky: NDArray[np.bool_]
 
@@ -66,7 +68,8 @@ def make_frame(rgb: NDArray[np.uint8], camera: Camera, pose: Pose, shrink: int =
     small = camera.scaled(camera.width_px // shrink, camera.height_px // shrink)
     rgb_small = cv2.resize(rgb, (small.width_px, small.height_px), interpolation=cv2.INTER_AREA)
     gray = cv2.cvtColor(rgb_small.astype(np.float32), cv2.COLOR_RGB2GRAY)
-    return Frame(small, pose, np.asarray(gray, dtype=np.float32), sky_mask(rgb_small, small, pose))
+    rgb_small = np.asarray(rgb_small, dtype=np.uint8)
+    return Frame(small, pose, rgb_small, np.asarray(gray, dtype=np.float32), sky_mask(rgb_small, small, pose))
 
 
 def inverse_depths(settings: SweepSettings) -> Image:
@@ -76,9 +79,8 @@ def inverse_depths(settings: SweepSettings) -> Image:
     return ((even * share + (1.0 - even) * share**2) / settings.nearest_m).astype(np.float32)
 
 
-def parallax_rate_px(target: Frame, source: Frame) -> float:
-    """Mean shift in the source, in pixels per unit of inverse depth, around 10 m."""
-    a, b = _epipolar_terms(target, source)
+def _parallax_rate_px(a: Image, b: Image) -> float:
+    """Mean shift in a source, in pixels per unit of inverse depth, around 10 m."""
     sparse = a[:, 8::16, 8::16].reshape(3, -1)
     near, far = (sparse + b[:, None] * w for w in (0.11, 0.09))
     shift = np.hypot(*(near[:2] / near[2] - far[:2] / far[2])) / 0.02
@@ -92,7 +94,8 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
         raise ValueError("plane sweep needs at least one source picture")
     settings = settings or SweepSettings()
     planes = inverse_depths(settings)
-    raw = _cost_volume(target, sources, planes, settings)
+    a, b = (np.stack(terms) for terms in zip(*(_epipolar_terms(target, source) for source in sources), strict=True))
+    raw = _cost_volume(target, sources, (a, b), planes, settings)
     smooth = semi_global.aggregate(raw, target.gray)
     best, offset, second = semi_global.winners(smooth)
     cost = np.take_along_axis(raw, best[..., None].astype(np.int64), axis=2)[..., 0] / COST_SCALE
@@ -103,9 +106,9 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
     valid = (cost < settings.max_cost) & (ratio < settings.max_ratio) & _matchable(target, sources, settings)
     valid &= (best < len(planes) - 1) & ~target.sky
     valid[:2], valid[-2:], valid[:, :2], valid[:, -2:] = False, False, False, False
-    rate = float(np.median([parallax_rate_px(target, source) for source in sources]))
+    rate = float(np.median([_parallax_rate_px(*terms) for terms in zip(a, b, strict=True)]))
     return DepthMap(target.camera, target.pose, depth, valid, confidence.astype(np.float32),
-                    target.sky, settings.sigma_px / max(rate, 1e-6))
+                    target.sky, settings.sigma_px / max(rate, 1e-6), sight=_sight(a, b, 1.0 / settings.nearest_m))
 
 
 def _matchable(target: Frame, sources: list[Frame], settings: SweepSettings) -> NDArray[np.bool_]:
@@ -123,10 +126,23 @@ def _epipolar_terms(target: Frame, source: Frame) -> tuple[Image, Image]:
     return a.astype(np.float32), (k @ source_from_target[:3, 3]).astype(np.float32)
 
 
-def _cost_volume(target: Frame, sources: list[Frame], planes: Image, settings: SweepSettings) -> NDArray[np.int16]:
+def _sight(a: Image, b: Image, nearest: float) -> Image:
+    """(h, w) largest inverse depth, of even steps up to `nearest`, at which two sources see a pixel's ray, or one if
+    there is but one; from every eighth pixel. Terms as `_epipolar_terms` gives them, for each source."""
+    h, w = a.shape[2:]
+    steps = np.linspace(0.0, nearest, SIGHT_STEPS + 1, dtype=np.float32)[1:]
+    ahead = a[:, :, 4::8, 4::8, None] + b[:, :, None, None, None] * steps
+    u, v = (ahead[:, axis] / np.maximum(ahead[:, 2], 1e-3) for axis in (0, 1))
+    seen = (ahead[:, 2] > 0.1) & (u > 0.0) & (u < w) & (v > 0.0) & (v < h)
+    enough = seen.sum(axis=0) >= min(2, len(a))
+    coarse = np.where(enough, steps, np.float32(0.0)).max(axis=-1)
+    return np.asarray(cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _cost_volume(target: Frame, sources: list[Frame], terms: tuple[Image, Image], planes: Image,
+                 settings: SweepSettings) -> NDArray[np.int16]:
     """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE."""
-    a, b = zip(*(_epipolar_terms(target, source) for source in sources), strict=True)
-    images, terms = np.stack([source.gray for source in sources]), (np.stack(a), np.stack(b))
+    images = np.stack([source.gray for source in sources])
     if settings.device:
         from perception.depth import torch_volume  # here, for torch takes seconds and memory to import
 
