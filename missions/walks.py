@@ -33,7 +33,7 @@ def walks_path(folder: Path, scene: str) -> Path:
 
 
 def truth_path(folder: Path, scene: str) -> Path:
-    """npz with depth_m (n, h, w) float32 along the optical axis, inf in the sky; on_object and on_water, both (n, h, w)."""
+    """npz with depth_m (n, h, w) float32 along the optical axis, inf in the sky; on_object, on_water (n, h, w)."""
     return folder / f"{_stem(scene)}.truth.npz"
 
 
