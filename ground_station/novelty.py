@@ -13,7 +13,7 @@ from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import surface_box
-from perception.imagination.imagine import Imagination
+from perception.imagination.adapt import make_imagination
 from planning.nbv.coverage import SurfaceTally, surface_tally
 from planning.nbv.shown import ShownFaces
 from planning.nbv.sights import ImaginedMap
@@ -30,7 +30,8 @@ class Novelty:
         camera = mission.camera.explore_camera()
         self._coarse = camera.scaled(RAYS_ACROSS, math.ceil(RAYS_ACROSS * camera.height_px / camera.width_px))
         self._range_m = mission.explore.sensing_range_m
-        self._imagination, self._shown = Imagination.load(), ShownFaces(self._coarse, self._range_m)
+        self._imagination = make_imagination(mission.explore.adapt)
+        self._shown = ShownFaces(self._coarse, self._range_m)
 
     def add(self, pose: Pose) -> None:
         """A picture was taken."""

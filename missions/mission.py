@@ -172,6 +172,8 @@ class ExploreSpec(_Section, frozen=True, kw_only=True):
     voxel_m: Positive = 0.5
     sensing_range_m: Positive = 25.0
     """Depth beyond this is not used for mapping; also the range within which the referee counts a point as seen."""
+    adapt: bool = False
+    """The network that imagines what is not seen yet learns in flight from what the map has come to know."""
     price_m2_per_m: NonNegative | None = None
     """Exploration ends when a metre of flight is expected to show less new surface than this; 0 flies on as long as any
     view promises something. Left out: when 2 % of the surface that can be seen is believed missing at most and a metre

@@ -15,6 +15,7 @@ from ground_station import launcher
 from ground_station.airspace import Airspace
 from ground_station.explore import MAX_FALLBACKS, Asking, Explorer
 from ground_station.legs import picture_leg
+from ground_station.novelty import Novelty
 from ground_station.recorder import Recorder
 from ground_station.survey_views import check_survey, known_outside
 from ground_station.views_file import read_views
@@ -186,3 +187,14 @@ def test_what_is_known_is_written_when_the_mission_is_cut_short(tmp_path: Path) 
     assert plan["start_percent"] - plan["end_percent"] == pytest.approx(1.9)
     assert record["phases"]["explore"]["end_s"] == pytest.approx(2.03)
     assert record["fleet"]["path_m"]["1"] == pytest.approx(2.9)
+
+
+def test_imagination_learns_in_flight_where_the_mission_says_so() -> None:
+    grid, last = VoxelGrid.unknown(*geofence(MISSION, SITE), 0.5), {}
+    for adapt in (False, True):
+        novelty = Novelty(Mission(title="t", explore=ExploreSpec(adapt=adapt)), SITE)
+        for share in (0.4, 0.46, 0.5):
+            state = np.zeros_like(grid.state)
+            state[:int(share * len(state))] = FREE
+            last[adapt] = novelty.imagined(VoxelGrid(grid.origin_enu_m, grid.voxel_m, state)).occupancy
+    assert last[True].mean() < last[False].mean()
