@@ -61,12 +61,6 @@ def test_what_is_certain_is_shown_once_and_what_may_not_be_there_half() -> None:
         assert chance * certain - 1e-3 <= s.gains_m2[view] <= 1.2 * certain
 
 
-def test_what_is_imagined_is_doubted_and_what_is_known_is_not() -> None:
-    half, known = imagined(0.5), imagined()
-    assert seen(half.doubted()).gains_m2.sum() < 0.5 * seen(half).gains_m2.sum()
-    np.testing.assert_array_equal(seen(known.doubted()).gains_m2, seen(known).gains_m2)
-
-
 def test_a_wall_seen_from_one_side_is_new_from_the_other() -> None:
     world, middle = imagined(), (slice(17, 20), slice(8, 18), slice(2, 8))
     before = world.unseen[middle].copy()

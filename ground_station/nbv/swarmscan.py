@@ -72,7 +72,7 @@ class Swarmscan:
         imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
         tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
         self._returns.settle(tally.seen_m2)
-        way = self._plan(vehicle, candidates, sights(imagined.doubted(), positions, self._orientations, RANGE))
+        way = self._plan(vehicle, candidates, sights(imagined, positions, self._orientations, RANGE))
         if way is None:
             return Choice(vehicle=vehicle, index=self._lattice.index(self._at[vehicle]),
                           coverage_estimate=tally.coverage)

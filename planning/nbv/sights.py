@@ -13,7 +13,7 @@ so that a search can ask what a view adds after others without casting again.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -28,9 +28,6 @@ from planning.nbv.sight_kernels import FACES, cast_stops, count_stops, show, sho
 RAYS = 2048
 SURELY = 0.5
 """A picture has shown a face when its rays reach it with this probability."""
-IMAGINED_SHARE = 0.5
-"""What imagined occupancy counts beside what was measured, in choosing views: much of it is the inside of things, which
-no view will show. The 100 views that seem best by half of it truly show more than those by all of it."""
 BLOCK_VOXELS = 4
 """Rays that meet no block with something new are not followed."""
 CELL_VOXELS = 2
@@ -73,11 +70,6 @@ class ImaginedMap:
         outside = np.ones(occupancy.shape, dtype=np.bool_)
         outside[box] = False
         return cls(origin_enu_m, voxel_m, occupancy, faced, np.where(outside | (occupancy <= 0.0), np.uint8(0), faced))
-
-    def doubted(self) -> ImaginedMap:
-        """The same, with IMAGINED_SHARE of what is not certain."""
-        share = np.where(self.occupancy < 1.0, np.float32(IMAGINED_SHARE), np.float32(1.0))
-        return replace(self, occupancy=self.occupancy * share)
 
     def shown_by(self, pose: Pose, camera: Camera, range_m: float) -> Shown:
         """What a picture is likelier than not to show."""
