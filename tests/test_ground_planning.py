@@ -117,6 +117,19 @@ def test_shut_in_vehicles_look_around_inside_their_column_and_give_up() -> None:
     assert explorer.look_around(Asking(1, here, 0.0, 0.0, 1e4)) is None
 
 
+def test_who_has_energy_for_nothing_gets_nothing_and_is_not_shut_in() -> None:
+    explorer, (lower, upper) = Explorer(MISSION, SITE), geofence(MISSION, SITE)
+    explorer.map.mark_free(lower, np.array([upper[0], SITE.object_min_enu_m[1] - 1.0, upper[2]]))
+    explorer.grid = explorer.map.grid()
+    here = np.array(hover_points(MISSION, SITE)[0])
+    decision = explorer.decide([Asking(1, here, 0.0, 0.0, 0.0)], [])
+    assert (decision.legs, decision.stuck) == ([], [])
+    [leg] = explorer.decide([Asking(1, here, 0.0, 0.0, 1e4)], []).legs
+    assert leg.predicted_gain_m2 is not None
+    assert leg.predicted_gain_m2 > 0.0
+    assert leg.goal.position_enu_m == leg.waypoints[-1].position_enu_m
+
+
 def test_views_files_are_read_or_refused_with_line_and_remedy(tmp_path: Path) -> None:
     path = tmp_path / "views.csv"
     path.write_text("view_id,east_m,north_m,up_m,yaw_deg,elevation_deg\n7,1,2,3,90,-30\n")
