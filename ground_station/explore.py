@@ -172,10 +172,10 @@ class Explorer:
         may = np.array([self._may_go(a, way, claimed) for a, way in zip(asking, ways_m, strict=True)])
         askers = [Asker(a.vehicle_id, np.where(ok, w, np.inf)) for a, w, ok in zip(asking, ways_m, may, strict=True)]
         barred = np.isfinite(ways_m).any(axis=0) & ~may.any(axis=0)
-        found = plan_views(self._novelty.without(self._imagined, claimed), self._lattice, self._camera,
+        plans = plan_views(self._novelty.without(self._imagined, claimed), self._lattice, self._camera,
                            self._mission.explore.sensing_range_m, askers, self._chance(barred), self._ahead, self._pays)
         stuck = [a.vehicle_id for a, way in zip(asking, ways_m, strict=True) if not np.isfinite(way).any()]
-        return Decision(self._legs(found.plans, airspace, reaches, asking, busy), stuck)
+        return Decision(self._legs(plans, airspace, reaches, asking, busy), stuck)
 
     def _legs(self, plans: list[Plan], airspace: Airspace, reaches: dict[int, Reach], asking: list[Asking],
               busy: list[Busy]) -> list[Leg]:

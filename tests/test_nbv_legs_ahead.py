@@ -16,7 +16,7 @@ from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.mission import ExploreSpec
 from planning.nbv.lattice import Lattice, build_lattice
-from planning.nbv.legs_ahead import Asker, Plans, plan_views
+from planning.nbv.legs_ahead import Asker, Plan, plan_views
 from planning.nbv.outlook import AheadSpec
 from planning.nbv.sights import ImaginedMap, Orientations, sights
 from planning.trajectories import Limits
@@ -69,7 +69,7 @@ def always(gains_m2: list[float], legs_m: list[float]) -> bool:
 
 
 def decide(imagined: ImaginedMap, lattice: Lattice, askers: list[Asker], spec: AheadSpec = SPEC,
-           chance: Array | None = None) -> Plans:
+           chance: Array | None = None) -> list[Plan]:
     chance = certain(lattice) if chance is None else chance
     return plan_views(imagined, lattice, CAMERA, RANGE_M, askers, chance, spec, always)
 
@@ -78,7 +78,7 @@ def decide(imagined: ImaginedMap, lattice: Lattice, askers: list[Asker], spec: A
 @settings(max_examples=5, deadline=None)
 def test_looking_farther_ahead_never_finds_a_worse_plan(lattice: Lattice, seed: int) -> None:
     here = [asker(lattice, 1, -12.0, -12.0, 0.6, seed)]
-    values = [decide(world(seed), lattice, here, dataclasses.replace(SPEC, depth=d)).plans[0].value_m2
+    values = [decide(world(seed), lattice, here, dataclasses.replace(SPEC, depth=d))[0].value_m2
               for d in (1, 2, 3)]
     assert values == sorted(values)
 
@@ -87,7 +87,7 @@ def test_looking_farther_ahead_never_finds_a_worse_plan(lattice: Lattice, seed: 
 @settings(max_examples=5, deadline=None)
 def test_a_plan_adds_up_what_its_views_show_after_one_another(lattice: Lattice, seed: int) -> None:
     imagined = world(seed)
-    [plan] = decide(imagined, lattice, [asker(lattice, 1, -12.0, -12.0)]).plans
+    [plan] = decide(imagined, lattice, [asker(lattice, 1, -12.0, -12.0)])
     at = lattice.positions_enu_m[[p for p, _ in plan.views]]
     orientations = Orientations.of(lattice.yaw_enu_rad, lattice.elevation_rad, CAMERA, SPEC.rays)
     seen = sights(imagined, at, orientations, RANGE_M)
@@ -104,7 +104,7 @@ def test_no_view_is_given_that_is_out_of_reach_or_taken_or_beside_anothers_goal(
     asking = [asker(lattice, v, -12.0, -12.0 + 6.0 * v, share, seed) for v in range(vehicles)]
     rng = np.random.default_rng(seed)
     chance = np.where(rng.random(certain(lattice).shape) < 0.3, 0.0, 0.5)
-    plans = decide(world(seed), lattice, asking, chance=chance).plans
+    plans = decide(world(seed), lattice, asking, chance=chance)
     goals = []
     for plan in plans:
         p, _ = plan.views[0]
@@ -121,7 +121,7 @@ def test_no_view_is_given_that_is_out_of_reach_or_taken_or_beside_anothers_goal(
 def test_what_one_vehicle_will_show_is_nothing_new_to_the_next(lattice: Lattice, seed: int) -> None:
     imagined = world(seed)
     asking = [asker(lattice, 1, -12.0, -12.0), asker(lattice, 2, -12.0, 12.0)]
-    plans = decide(imagined, lattice, asking).plans
+    plans = decide(imagined, lattice, asking)
     views = [view for plan in plans for view in plan.views]
     orientations = Orientations.of(lattice.yaw_enu_rad, lattice.elevation_rad, CAMERA, SPEC.rays)
     seen = sights(imagined, lattice.positions_enu_m[[p for p, _ in views]], orientations, RANGE_M)
@@ -142,8 +142,7 @@ def test_only_plans_that_pay_are_given(lattice: Lattice) -> None:
 
     here = asker(lattice, 1, -12.0, -12.0)
     found = plan_views(world(), lattice, CAMERA, RANGE_M, [here], certain(lattice), SPEC, never)
-    assert found.plans == []
-    assert found.best_gain_m2 > 0.0
+    assert found == []
     [(gains, legs)] = asked
     assert len(gains) == len(legs) >= 1
     assert legs[0] in here.way_m
@@ -151,10 +150,9 @@ def test_only_plans_that_pay_are_given(lattice: Lattice) -> None:
 
 def test_nothing_is_given_to_whom_nothing_is_within_reach(lattice: Lattice) -> None:
     nowhere = Asker(1, np.full(len(lattice.positions_enu_m), np.inf))
-    found = decide(world(), lattice, [nowhere])
-    assert (found.plans, found.best_gain_m2) == ([], 0.0)
+    assert decide(world(), lattice, [nowhere]) == []
     both = decide(world(), lattice, [nowhere, asker(lattice, 2, 12.0, 12.0)])
-    assert [plan.vehicle_id for plan in both.plans] == [2]
+    assert [plan.vehicle_id for plan in both] == [2]
 
 
 def test_where_nothing_is_left_to_see_a_look_opens_the_way(lattice: Lattice) -> None:
@@ -165,21 +163,21 @@ def test_where_nothing_is_left_to_see_a_look_opens_the_way(lattice: Lattice) -> 
         for o in range(len(lattice.yaw_enu_rad)):
             imagined.show(lattice.pose(int(p), o), CAMERA, RANGE_M)
     way = np.where(corner, 2.0 + np.linalg.norm(position - np.array([-12.0, -12.0, 3.0]), axis=1), np.inf)
-    [plan] = decide(imagined, lattice, [Asker(1, way)], chance=0.5 * certain(lattice)).plans
+    [plan] = decide(imagined, lattice, [Asker(1, way)], chance=0.5 * certain(lattice))
     assert corner[plan.views[0][0]]
     assert len(plan.opens) > 0
     assert not corner[plan.opens].any()
     assert sum(plan.gains_m2) > 1.0
     unopenable = np.where(corner[:, None], 1.0, 0.0) * certain(lattice)
-    left = [sum(p.gains_m2) for p in decide(imagined, lattice, [Asker(1, way)], chance=unopenable).plans]
+    left = [sum(p.gains_m2) for p in decide(imagined, lattice, [Asker(1, way)], chance=unopenable)]
     assert all(gain < 0.2 * sum(plan.gains_m2) for gain in left)
 
 
 def test_plans_do_not_depend_on_threads(lattice: Lattice) -> None:
     asking = [asker(lattice, v, -12.0, -12.0 + 8.0 * v) for v in range(3)]
     threads = numba.get_num_threads()
-    many = decide(world(7), lattice, asking).plans
+    many = decide(world(7), lattice, asking)
     numba.set_num_threads(1)
-    one = decide(world(7), lattice, asking).plans
+    one = decide(world(7), lattice, asking)
     numba.set_num_threads(threads)
     assert [(p.views, p.gains_m2, p.value_m2) for p in one] == [(p.views, p.gains_m2, p.value_m2) for p in many]

@@ -54,26 +54,19 @@ class Plan:
     """Positions out of reach that the first view looks at."""
 
 
-@dataclass(frozen=True)
-class Plans:
-    """Plans, best first, and the largest gain that any view within reach promised before any was made."""
-
-    plans: list[Plan]
-    best_gain_m2: float
-
-
 def plan_views(imagined: ImaginedMap, lattice: Lattice, camera: Camera, range_m: float, askers: list[Asker],
-               chance: Array, spec: AheadSpec, pays: Pays) -> Plans:
-    """A plan for every vehicle that has views within reach and whose best plan pays.
+               chance: Array, spec: AheadSpec, pays: Pays) -> list[Plan]:
+    """A plan for every vehicle that has views within reach and whose best plan pays; best first.
 
     chance (p, o): 0 for views never to be given; else how likely it can be had once something has looked at its
     position, where that is out of reach.
     """
     ways_m = np.array([a.way_m for a in askers]).reshape(len(askers), len(lattice.positions_enu_m))
     if not np.isfinite(ways_m).any():
-        return Plans([], 0.0)
+        return []
     seen = outlook(imagined, lattice, camera, range_m, spec.seconds(ways_m), chance, spec)
-    ways_m, left, plans = ways_m[:, seen.numbers], seen.sights.nothing_shown, []
+    ways_m, left = ways_m[:, seen.numbers], seen.sights.nothing_shown
+    plans: list[Plan] = []
     waiting = list(range(len(askers)))
     while waiting:
         gains = seen.sights.gains_after(left) * (seen.chance > 0.0)
@@ -88,7 +81,7 @@ def plan_views(imagined: ImaginedMap, lattice: Lattice, camera: Camera, range_m:
             left = seen.sights.left_after(*view, left)
         goal = seen.positions_enu_m[best.views[0][0]]
         ways_m[:, np.linalg.norm(seen.positions_enu_m - goal, axis=1) < spec.separation_m] = np.inf
-    return Plans(plans, seen.best_gain_m2)
+    return plans
 
 
 @dataclass(frozen=True)

@@ -95,8 +95,6 @@ class Outlook:
     """(k, o) what a view opens: the best of it, discounted by the time to get there."""
     promise_way_m: Array
     """(k, o) the way to it."""
-    best_gain_m2: float
-    """Of all views within reach."""
 
 
 def outlook(imagined: ImaginedMap, lattice: Lattice, camera: Camera, range_m: float, way_s: Array, chance: Array,
@@ -123,7 +121,7 @@ def outlook(imagined: ImaginedMap, lattice: Lattice, camera: Camera, range_m: fl
     promise_m2, promise_way_m = _promises(opens, ahead[numbers[opened]], onward_m[:, opened], spec)
     known = np.where(within[numbers, None], chance[numbers] > 0.0, chance[numbers])
     return Outlook(numbers, chosen, onward_m, sights(imagined, chosen, Orientations.of(*views, spec.rays), range_m),
-                   known, opened, opens, promise_m2, promise_way_m, float(gain[within].max(initial=0.0)))
+                   known, opened, opens, promise_m2, promise_way_m)
 
 
 def _ahead(at: Array, gains_m2: Array, spec: AheadSpec) -> Array:
