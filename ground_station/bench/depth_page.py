@@ -31,9 +31,10 @@ WRONG = (BEHIND, OPEN, BEFORE, GHOST)
 COLUMNS = {"scene": "scene", "pictures": "pictures", "answered": "answered", "abs_rel": "abs rel",
            "delta_1_25": "δ<1.25", "complete": "found", "complete_thin": "thin found", "abs_rel_all": "abs rel, all",
            "delta_1_25_all": "δ<1.25, all", "median_all": "median, all", "called_open": "called open",
-           "ghosts": "ghosts", "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "water": "water",
-           "answered_water": "water answered", "abs_rel_water": "water abs rel", "false_water": "water false",
-           "cpu_seconds": "CPU s"}
+           "ghosts": "ghosts", "ause": "AUSE", "oracle": "oracle", "calibration": "ECE", "cpu_seconds": "CPU s"}
+WATER = {"water": "water", "answered_water": "water answered", "abs_rel_water": "water abs rel",
+         "false_water": "water false"}
+"""Columns where there is any."""
 EXPLAINED = (
     "Counted are pixels whose true surface lies within the sensing range. Answered: the share of them that the method "
     "trusts; abs rel and δ judge those, columns with “all” its best guess on every one. Found: answered to 10 %; thin: "
@@ -66,17 +67,19 @@ def write_page(path: Path, rows: Sequence[Row], pixels: Pixels, scenes: Sequence
     body = "".join([_numbers(rows), _causes(scenes), _curves(pixels), _legend(), *(_pictures(s) for s in worst)])
     path.write_text(f"<!doctype html><html lang=en><head><meta charset=utf-8><title>Depth beside truth</title>"
                     f"<style>{CSS}main{{max-width:1400px}}.five{{display:grid;grid-template-columns:repeat(5,1fr);"
-                    "gap:6px}.legend span{display:inline-block;margin-right:14px}</style></head><body><main>"
+                    "gap:6px}.legend span{display:inline-block;margin-right:14px}.dense,.dense th{font-size:11px}"
+                    ".dense th{white-space:normal}</style></head><body><main>"
                     f"<h1>Depth beside truth</h1>{body}</main><script>{SCRIPT}</script></body></html>",
                     encoding="utf-8")
 
 
 def _numbers(rows: Sequence[Row]) -> str:
-    head = "".join(f"<th class=n>{escape(c)}</th>" for c in COLUMNS.values())
-    lines = ["".join(f"<td class=n>{_cell(getattr(row, c))}</td>" for c in COLUMNS) for row in rows]
+    columns = COLUMNS | (WATER if any(row.water for row in rows) else {})
+    head = "".join(f"<th class=n>{escape(c)}</th>" for c in columns.values())
+    lines = ["".join(f"<td class=n>{_cell(getattr(row, c))}</td>" for c in columns) for row in rows]
     cells = "".join(f"<tr>{line}</tr>" for line in lines)
     return (f"<section style='overflow-x:auto'><h2>How good</h2><p class=soft style='max-width:none'>{EXPLAINED}</p>"
-            f"<table style='font-size:12px'><tr>{head}</tr>{cells}</table></section>")
+            f"<table class=dense><tr>{head}</tr>{cells}</table></section>")
 
 
 def _cell(value: str | float) -> str:
