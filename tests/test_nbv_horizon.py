@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from missions.camera import Camera, Pose
 from missions.pose_lattice import PoseLattice
 from planning.nbv.horizon import HorizonSpec, best_way, promises
+from planning.nbv.shown import AGAIN, ShownFaces
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
 
 CAMERA = Camera(64, 48, 40.0, 40.0, 32.0, 24.0)
@@ -75,6 +76,20 @@ def test_a_wall_seen_from_one_side_is_new_from_the_other() -> None:
     fresh = sights(imagined(), places, views, RANGE_M).gains_m2[[0, 1], [0, 2]]
     assert left < 0.25 * fresh[0]
     assert right == pytest.approx(fresh[1])
+
+
+def test_pictures_have_shown_what_the_map_says_by_now_once_each_was_looked_up_again() -> None:
+    shown, poses = ShownFaces(CAMERA, RANGE_M), [LATTICE.pose(LATTICE.index(k)) for k in range(0, len(LATTICE), 2)]
+    for pose in poses:
+        shown.add(pose)
+    shown.take_out(imagined(seed=1))
+    for _ in range(math.ceil(len(poses) / AGAIN)):
+        world = imagined(seed=2)
+        shown.take_out(world)
+    expected = imagined(seed=2)
+    for pose in poses:
+        expected.show(pose, CAMERA, RANGE_M)
+    np.testing.assert_array_equal(world.unseen, expected.unseen)
 
 
 @settings(max_examples=15, deadline=None)
