@@ -24,8 +24,8 @@ class Price:
 
     m2_per_m: float | None = None
     """New surface; None: `share` of what a metre has brought on average so far, once no more than `missing` is left."""
-    share: float = 0.15
-    missing: float = 0.02
+    share: float = 0.1
+    missing: float = 0.03
 
 
 @dataclass
