@@ -161,7 +161,8 @@ class Bus:
     def collect(self, counts: dict[str, int]) -> list[Delivery]:
         """The lock-step messages up to these totals, in an order that depends on keys alone.
 
-        Waits for what is still under way; a sender that died with messages unsent costs DELIVERY_TIMEOUT_S once.
+        Waits for what is still under way. A message that does not come, because its sender died or the machine slept
+        until the link broke, costs DELIVERY_TIMEOUT_S once and is then counted as lost.
         """
         with self._condition:
             for key, total in counts.items():
@@ -177,6 +178,7 @@ class Bus:
             for key in due:
                 box = self._inboxes[key]
                 n = min(len(box.queue), box.expected - box.delivered)
+                box.received = max(box.received, box.expected)
                 raw.extend((key, box.queue.popleft()) for _ in range(n))
                 box.delivered = box.expected
         return self._decode(raw)

@@ -73,6 +73,22 @@ def test_the_first_message_on_a_fresh_key_is_not_lost(buses: tuple[Bus, Bus, Bus
         assert [d.message.plan_id for d in b.collect(a.take_counts())] == [number]
 
 
+def test_a_message_that_never_comes_is_waited_for_once(buses: tuple[Bus, Bus, Bus], monkeypatch: pytest.MonkeyPatch,
+                                                       caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr("missions.bus.DELIVERY_TIMEOUT_S", 0.2)
+    _, a, b = buses
+    b.subscribe(topics.PLAN_HASH)
+    hear(b, a)
+    key = topics.PLAN_HASH.key("test", 1)
+    a.publish(topics.PLAN_HASH, plan(1), 1)
+    assert [d.message.plan_id for d in b.collect({key: 2})] == [1]
+    monkeypatch.setattr("missions.bus.DELIVERY_TIMEOUT_S", WAIT_S)
+    for number in (3, 4):
+        a.publish(topics.PLAN_HASH, plan(number), 1)
+        assert [d.message.plan_id for d in b.collect({key: number})] == [number]
+    assert caplog.text.count("messages lost") == 1
+
+
 def test_messages_beyond_the_counted_total_wait(buses: tuple[Bus, Bus, Bus]) -> None:
     _, a, b = buses
     b.subscribe(topics.PLAN_HASH)
