@@ -186,10 +186,14 @@ class Explorer:
             self._looks[plan.opens] += 1
             a = next(a for a in asking if a.vehicle_id == plan.vehicle_id)
             goal = self._lattice.pose(*plan.views[0])
+            at = np.array(goal.position_enu_m)
             mates = _mates(a, asking, busy) + [np.array(leg.goal.position_enu_m) for leg in legs]
-            path = _path(airspace, reaches[a.vehicle_id], a, goal, mates if legs else None)
-            if path is not None:
-                legs.append(self._leg(a, path, goal, plan.gains_m2[0]))
+            try:
+                path = (airspace.path(a.position_enu_m, at, mates) if legs else
+                        joined(a.position_enu_m, reaches[a.vehicle_id].path_to(at)))
+            except NoPath:
+                continue
+            legs.append(self._leg(a, path, goal, plan.gains_m2[0]))
         return legs
 
     def _chance(self, barred: NDArray[np.bool_]) -> Array:
@@ -288,14 +292,3 @@ def _mates(me: Asking, asking: list[Asking], busy: list[Busy]) -> list[Array]:
         if b.goal is not None:
             out.append(np.array(b.goal.position_enu_m))
     return out
-
-
-def _path(airspace: Airspace, reach: Reach, a: Asking, view: Pose, mates: list[Array] | None) -> Array | None:
-    """The way to a view; searched anew when vehicles served before have taken places meanwhile."""
-    goal = np.array(view.position_enu_m)
-    try:
-        if mates is not None:
-            return airspace.path(a.position_enu_m, goal, mates)
-        return joined(a.position_enu_m, reach.path_to(goal))
-    except NoPath:
-        return None
