@@ -35,7 +35,14 @@ def main(argv: list[str] | None = None) -> int:
     """The command."""
     options = _parser().parse_args(argv)
     torch.set_num_threads(options.threads)
-    torch.set_flush_denormal(True)
+    torch.set_flush_denormal(True)  # numbers next to nothing would each take a hundred times as long
+    try:
+        return _train_and_export(options)
+    finally:
+        torch.set_flush_denormal(False)
+
+
+def _train_and_export(options: argparse.Namespace) -> int:
     walks = _walks(options.scenes, options.seeds, options.out / "walks")
     held_out = _walks(options.validate, 1, options.out / "validation") if options.validate else []
     run = TrainingRun(options.out, _settings(options), walks, options.begin_with)

@@ -57,7 +57,6 @@ def make_macarons(brief: TrialBrief) -> Macarons:
         raise UserError(f"--option: {e}; method macarons has {names}.") from e
     if options.threads:
         torch.set_num_threads(options.threads)
-    torch.set_flush_denormal(True)
     return Macarons(brief, options, Networks.load(Path(options.weights) if options.weights else SHIPPED))
 
 
