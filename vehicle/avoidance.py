@@ -206,6 +206,12 @@ class Avoidance:
         # The map calls the very place solid in which the vehicle hovers: there the range sensor alone is believed.
         return self.may_leave(np.stack([start, goal]))
 
+    def beside_dead(self, place_enu_m: Array) -> bool:
+        """Whether a teammate that will not move any more is nearer to a place than vehicles may come."""
+        dead = self.teammates.dead()
+        apart = self._fleet.separation_m + IN_FLIGHT_SPARE_M
+        return bool(len(dead)) and float(np.linalg.norm(dead - place_enu_m, axis=1).min()) < apart
+
     def _space(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
         """What is solid around a and b. A dead teammate is: it will not move any more."""
         field, dead = self.memory.field(a_enu_m, b_enu_m, margin_m), self.teammates.dead()

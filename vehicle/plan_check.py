@@ -13,6 +13,8 @@ from vehicle.avoidance import Avoidance
 from vehicle.battery import Battery
 from vehicle.way_home import WayHome
 
+LOST_TEAMMATE = "a teammate that was lost there"
+"""It hovers on, dead, or nobody knows what it does; nobody goes near."""
 FENCE_TOLERANCE_M = 0.05
 """MAVLink rounds positions to about 1 cm."""
 
@@ -31,6 +33,8 @@ def refusal(route: Route, position_enu_m: Array, fence: tuple[Array, Array], fle
             return f"fence: waypoint {n} lies outside the geofence"
         # corners on the way are advice: what stands there in truth is gone around
         if (waypoint.stop or waypoint.view_id is not None) and not avoidance.clear(point, point):
+            if avoidance.beside_dead(point):
+                return f"clearance: waypoint {n} is beside {LOST_TEAMMATE}"
             return f"clearance: waypoint {n} is nearer than {fleet.clearance_m} m to what is not known to be free"
     settle_s = np.array([w.settle_s for w in route.waypoints])
     legs = stops_percent(battery.energy, np.concatenate([position_enu_m[None], points]), settle_s,
