@@ -35,7 +35,7 @@ def main(argv: list[str] | None = None) -> int:
     """The command."""
     options = _parser().parse_args(argv)
     torch.set_num_threads(options.threads)
-    torch.set_flush_denormal(True)  # numbers next to nothing would each take a hundred times as long
+    torch.set_flush_denormal(True)  # numbers next to nothing are slow to reckon with
     try:
         return _train_and_export(options)
     finally:
