@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ground_station.nbv.explored import Explored
-from ground_station.nbv.wires import LEAST_PICTURES, STRUNG, Wires
+from ground_station.nbv.wires import STRUNG, Wires
 from missions.camera import Camera, Pose
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
@@ -79,16 +79,13 @@ def test_the_order_of_pictures_does_not_matter_and_far_ones_have_no_vote() -> No
 
 
 @pytest.mark.parametrize("strung", [False, True])
-def test_a_leg_across_a_wire_is_not_flown_and_one_that_few_have_seen_is_not_known(strung: bool) -> None:
+def test_a_leg_across_a_wire_is_not_flown(strung: bool) -> None:
     wires, lattice = Wires(brief()), brief().lattice
     wire = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]]) if strung else None
     through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
     outside = lattice.flat((0, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
     for k, pose in enumerate(POSES):
-        assert k >= LEAST_PICTURES or not wires.watched_edges()[through]
-        assert wires.watched_edges()[outside], "there is nothing of the object outside its box"
         wires.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
-    assert wires.watched_edges()[through]
     assert wires.clear_edges()[through] == (not strung)
     assert wires.clear_edges()[outside]
 

@@ -127,14 +127,13 @@ class Explored:
 
     def known_free_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free,
-        closely enough to show a wire, or that were flown. Unknown space elsewhere is taken for free: the object is not
-        there."""
+        or that were flown. Unknown space elsewhere is taken for free: the object is not there."""
         unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
         unknown[box] = self.grid.state[box] == UNKNOWN
         near = _grown(unknown, self.radius / VOXEL + 0.5)
         free = self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))].any(axis=0))
-        return (free & self._wires.watched_edges()) | self._flown
+        return free | self._flown
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
+from ground_station.nbv.look_out import looking_out, shut_in
 from missions.errors import UserError
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
@@ -48,7 +49,7 @@ class Swarmscan:
         except msgspec.ValidationError as e:
             names = ", ".join(SwarmscanOptions.__struct_fields__)
             raise UserError(f"--option: {e}; method swarmscan has {names}.") from e
-        self._lattice = brief.lattice
+        self._lattice, self._camera = brief.lattice, brief.camera
         self._explored = Explored(brief)
         self._imagination, self._spec = make_imagination(options.adapt), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
@@ -106,21 +107,26 @@ class Swarmscan:
             if other != vehicle:
                 for pose in poses:
                     left = seen.left_after(*divmod(pose, self._lattice.orientations), left)
-        passable = self._passable()
+        likely = self._likely_open()
+        passable = self._lattice.per_step(likely)
         steps, here = self._lattice.steps, self._at[vehicle]
         promised = promises(seen, left, steps, passable, self._spec)
         return best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
-                        self._first_steps(vehicle, candidates, passable), promised, self._spec)
+                        self._first_steps(vehicle, candidates, likely), promised, self._spec)
 
-    def _passable(self) -> Array:
-        """(n, 30) how likely each step of the lattice is open."""
+    def _likely_open(self) -> Array:
+        """(p, 6) how likely each leg of the lattice is open."""
         likely = np.where(self._explored.known_free_edges(), 1.0, MAYBE_OPEN)
-        return self._lattice.per_step(np.where(self._explored.open_edges(), likely, 0.0))
+        return np.where(self._explored.open_edges(), likely, 0.0)
 
-    def _first_steps(self, vehicle: int, candidates: list[Index5], passable: Array) -> list[int]:
-        """Candidates that are known to be clear: the new ones where there are any. Back along the leg that it came by a
-        vehicle can always go."""
-        here = self._at[vehicle]
-        open_ = self._lattice.steps[here][passable[here] == 1.0]
-        clear = [n for n in map(self._lattice.flat, candidates) if n in open_]
-        return [n for n in clear if n not in self._visited] or clear
+    def _first_steps(self, vehicle: int, candidates: list[Index5], likely: Array) -> list[int]:
+        """Candidates that are known to be clear: the new ones where there are any, and of these, for a vehicle that is
+        shut in, those that look for a way out. Back along the leg that it came by a vehicle can always go."""
+        lattice, here = self._explored.lattice, self._at[vehicle]
+        open_ = lattice.steps[here][lattice.per_step(likely)[here] == 1.0]
+        clear = [n for n in map(lattice.flat, candidates) if n in open_]
+        new = [n for n in clear if n not in self._visited] or clear
+        been = {pose // lattice.orientations for pose in self._visited}
+        if not shut_in(lattice, likely == 1.0, here // lattice.orientations, been):
+            return new
+        return looking_out(lattice, (likely > 0.0) & (likely < 1.0), been, new, self._camera)

@@ -18,8 +18,6 @@ LEAST_PX = 0.35
 SPACING_M = 0.25
 STRUNG = 15.0
 """A leg with so many standard deviations for a wire at any place that the body sweeps is not flown."""
-LEAST_PICTURES = 4
-"""Nor one with a place that fewer pictures have looked at."""
 
 
 class Wires:
@@ -40,10 +38,6 @@ class Wires:
     def clear_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where no wire shows in the pictures."""
         return self._edges(self._votes.sigmas <= STRUNG)
-
-    def watched_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps that enough pictures have looked at."""
-        return self._edges(self._votes.pictures >= LEAST_PICTURES)
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(p, 6) steps all of whose points are good (n,)."""
