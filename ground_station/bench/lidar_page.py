@@ -14,8 +14,8 @@ from plotly.offline import get_plotlyjs
 from ground_station.report.charts import VEHICLE_COLOURS, blank
 from ground_station.report.renderings import SIDES, WIDTH_PX
 from ground_station.report.run_data import RunData
-from ground_station.report.sections import chart_section, section
-from ground_station.report.splat import data_uri, ramp, splat
+from ground_station.report.sections import chart_section, row, section
+from ground_station.report.splat import ramp, splat
 from ground_station.report.style import CSS, SCRIPT
 from missions.frames import Array
 
@@ -55,11 +55,8 @@ def _cloud(sensor: Sensed, lower: Array, upper: Array) -> str:
     points = points[((points >= lower) & (points <= upper)).all(axis=1)]
     chosen = points[np.random.default_rng(0).permutation(len(points))[:SHOWN_POINTS]]
     colours = ramp(chosen[:, 2].astype(np.float64), float(lower[2]), float(upper[2]), HEIGHTS)
-    figures = [f"<figure><img src='{data_uri(picture, 'PNG')}' alt='{escape(name)}'><figcaption>{escape(name)}"
-               "</figcaption></figure>" for name, picture in (
-                   (s.name, splat(chosen, colours, math.radians(s.yaw_deg), math.radians(s.elevation_deg), WIDTH_PX,
-                                  POINT_M)) for s in SIDES)]
-    return f"<div class=three>{''.join(figures)}</div>"
+    return row([(s.name, splat(chosen, colours, math.radians(s.yaw_deg), math.radians(s.elevation_deg), WIDTH_PX,
+                               POINT_M)) for s in SIDES])
 
 
 def _distances(sensors: list[Sensed]) -> go.Figure:

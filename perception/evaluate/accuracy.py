@@ -8,6 +8,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from missions.frames import Array
+from perception.evaluate.ray_scene import ray_scene
 
 BIN_M = 0.001
 INLIER_M = 0.02
@@ -31,9 +32,7 @@ def distances_to_mesh(points_enu_m: NDArray[np.float32], vertices_enu_m: Array,
 
     The sign is that of the nearest triangle's side, as in CloudCompare, so the mesh need not be closed.
     """
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_enu_m, dtype=np.float32)),
-                        o3d.core.Tensor.from_numpy(np.ascontiguousarray(triangles, dtype=np.uint32)))
+    scene = ray_scene(vertices_enu_m, triangles)
     distance, triangle = np.zeros(len(points_enu_m)), np.zeros(len(points_enu_m), dtype=np.int64)
     for start in range(0, len(points_enu_m), AT_ONCE):
         block = np.ascontiguousarray(points_enu_m[start:start + AT_ONCE], dtype=np.float32)

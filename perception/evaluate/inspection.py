@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera
 from missions.frames import Array
+from perception.evaluate.ray_scene import ray_scene
 from perception.evaluate.reference import Reference
 
 LEAST = 0.2
@@ -75,9 +76,7 @@ def inspect(reference: Reference, shots: Iterable[Shot], asked: Asked) -> Inspec
 
     Speed counts as if it all went across the picture: a bound, since it is not known in which direction a vehicle flew.
     """
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.core.Tensor.from_numpy(reference.vertices_enu_m.astype(np.float32)),
-                        o3d.core.Tensor.from_numpy(reference.triangles.astype(np.uint32)))
+    scene = ray_scene(reference.vertices_enu_m, reference.triangles)
     n = len(reference.samples_enu_m)
     quality, best_gsd = np.zeros(n), np.full(n, np.inf)
     count = np.zeros(n, dtype=np.int64)
