@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 import torch
 
+from ground_station.nbv.options import options_of
 from missions.camera import Pose
-from missions.errors import UserError
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import Index5
 from perception.macarons.field import Field
@@ -50,11 +50,7 @@ class MacaronsOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 def make_macarons(brief: TrialBrief) -> Macarons:
     """The method for a trial. Raises UserError for options that it does not have."""
-    try:
-        options = msgspec.convert(brief.options, MacaronsOptions, strict=False)
-    except msgspec.ValidationError as e:
-        names = ", ".join(MacaronsOptions.__struct_fields__)
-        raise UserError(f"--option: {e}; method macarons has {names}.") from e
+    options = options_of(brief, MacaronsOptions)
     if options.threads:
         torch.set_num_threads(options.threads)
     return Macarons(brief, options, Networks.load(Path(options.weights) if options.weights else SHIPPED))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from ground_station.nbv.look_out import looking_out, shut_in
-from missions.errors import UserError
+from ground_station.nbv.options import options_of
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import Index5
@@ -44,11 +44,7 @@ class Swarmscan:
 
     def __init__(self, brief: TrialBrief) -> None:
         """Raises UserError for options that it does not have."""
-        try:
-            options = msgspec.convert(brief.options, SwarmscanOptions, strict=False)
-        except msgspec.ValidationError as e:
-            names = ", ".join(SwarmscanOptions.__struct_fields__)
-            raise UserError(f"--option: {e}; method swarmscan has {names}.") from e
+        options = options_of(brief, SwarmscanOptions)
         self._lattice, self._camera = brief.lattice, brief.camera
         self._explored = Explored(brief)
         self._imagination, self._spec = make_imagination(options.adapt), HorizonSpec()
