@@ -54,6 +54,7 @@ def _gps(meta: PictureMeta, site: Site) -> dict[int, object]:
         gps.GPSLongitudeRef: "E" if lon >= 0 else "W", gps.GPSLongitude: _dms(abs(lon)),
         gps.GPSAltitudeRef: b"\x00" if alt >= 0 else b"\x01",
         gps.GPSAltitude: IFDRational(round(abs(alt) * 1000), 1000),
+        gps.GPSHPositioningError: IFDRational(round(meta.position_sigma_m * 1000), 1000),
         gps.GPSImgDirectionRef: "T", gps.GPSImgDirection: IFDRational(round(heading * 100), 100),
     }
 

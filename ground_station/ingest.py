@@ -17,7 +17,7 @@ from missions.clock import SECOND_NS
 from missions.errors import ProtocolError
 from missions.frames import Site
 from missions.messages import MAX_CHUNK, PictureAck, PictureChunk, PictureMeta
-from missions.run_folder import VIEW_COLUMNS, RunFolder, view_row, write_views
+from missions.run_folder import VIEW_COLUMNS, RunFolder, write_views
 
 log = logging.getLogger(__name__)
 
@@ -164,7 +164,7 @@ class Ingest:
     def _store(self, meta: PictureMeta, jpeg: bytes) -> None:
         path = self._run.picture(meta.vehicle_id, meta.view_id)
         path.write_bytes(with_exif(jpeg, meta, self._site, self._epoch))
-        row = view_row(meta, str(path.relative_to(self._run.root)))
+        row = self._run.view_row(meta)
         self._rows.append(row)
         csv.writer(self._views).writerow(row)
         self._views.flush()

@@ -51,16 +51,18 @@ class Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Position and pointing of a roll-free camera in ENU."""
+    """Position and pointing of a camera in ENU. Cameras do not roll; only a measured attitude says that they do."""
 
     position_enu_m: tuple[float, float, float]
     yaw_enu_rad: float
     elevation_rad: float
+    roll_rad: float = 0.0
+    """About the optical axis, clockwise as the camera looks."""
 
     @property
     def enu_from_camera(self) -> Array:
         """(3, 3) rotation."""
-        return frames.enu_from_camera(self.yaw_enu_rad, self.elevation_rad)
+        return frames.enu_from_camera(self.yaw_enu_rad, self.elevation_rad, self.roll_rad)
 
     @property
     def quaternion_wxyz(self) -> Array:

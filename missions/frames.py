@@ -44,14 +44,18 @@ def forward_enu(yaw_enu_rad: float, elevation_rad: float) -> Array:
     return np.array([c * math.cos(yaw_enu_rad), c * math.sin(yaw_enu_rad), math.sin(elevation_rad)])
 
 
-def enu_from_camera(yaw_enu_rad: float, elevation_rad: float) -> Array:
-    """(3, 3) rotation whose columns are the camera's right, down and forward axes in ENU; roll is zero."""
+def enu_from_camera(yaw_enu_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> Array:
+    """(3, 3) rotation whose columns are the camera's right, down and forward axes in ENU; roll turns right to down."""
     cy, sy = math.cos(yaw_enu_rad), math.sin(yaw_enu_rad)
     ce, se = math.cos(elevation_rad), math.sin(elevation_rad)
     right = (sy, -cy, 0.0)
     down = (se * cy, se * sy, -ce)
     forward = (ce * cy, ce * sy, se)
-    return np.array([right, down, forward]).T
+    level = np.array([right, down, forward]).T
+    if roll_rad == 0.0:
+        return level
+    c, s = math.cos(roll_rad), math.sin(roll_rad)
+    return np.asarray(level @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def yaw_elevation_from_forward(direction_enu: Array) -> tuple[float, float]:

@@ -179,7 +179,9 @@ class PictureMeta(Message, frozen=True, kw_only=True):
     phase: str
     t_capture_ns: int
     pose: Pose
+    """As the vehicle measured it."""
     position_sigma_m: float
+    """How exactly, per axis."""
     speed_m_s: float
     camera: Camera
     sha256: str

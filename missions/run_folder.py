@@ -66,8 +66,13 @@ class RunFolder:
         return self.truth / "referee.json"
 
     @property
+    def truth_views(self) -> Path:
+        """The rows of views.csv with the poses from which the pictures were really taken."""
+        return self.truth / "views.csv"
+
+    @property
     def views_csv(self) -> Path:
-        """One row per picture."""
+        """One row per picture, with its measured pose."""
         return self.root / "views.csv"
 
     @property
@@ -120,6 +125,14 @@ class RunFolder:
         """`pictures/UAV_{id}_{pose_id}.jpg`, the thesis's naming."""
         return self.pictures / f"UAV_{vehicle_id}_{view_id}.jpg"
 
+    def view_row(self, meta: PictureMeta) -> list[Any]:
+        """The row of views.csv for a picture."""
+        q = meta.pose.quaternion_wxyz
+        e, n, u = meta.pose.position_enu_m
+        numbers = [f"{v:.9f}" for v in (meta.t_capture_ns / 1e9, e, n, u, *q, meta.speed_m_s)]
+        path = self.picture(meta.vehicle_id, meta.view_id).relative_to(self.root).as_posix()
+        return [meta.view_id, meta.vehicle_id, meta.phase, *numbers, path]
+
     def sd_card(self, vehicle_id: int) -> Path:
         """The vehicle's own storage: pictures stay there until the ground has acknowledged them."""
         return self._dir(f"sd_card_uav{vehicle_id}")
@@ -139,14 +152,6 @@ def _peak_memory_mib() -> float:
     """Largest resident memory so far, from Linux; getrusage would count what the parent held at the start as ours."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     return int(status.split("VmHWM:")[1].split()[0]) / 1024.0
-
-
-def view_row(meta: PictureMeta, path: str) -> list[Any]:
-    """The row of views.csv for a picture; path is relative to the run folder."""
-    q = meta.pose.quaternion_wxyz
-    e, n, u = meta.pose.position_enu_m
-    numbers = [f"{v:.9f}" for v in (meta.t_capture_ns / 1e9, e, n, u, *q, meta.speed_m_s)]
-    return [meta.view_id, meta.vehicle_id, meta.phase, *numbers, path]
 
 
 def write_views(path: Path, rows: list[list[Any]]) -> None:

@@ -20,7 +20,7 @@ from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
 from missions.pads import camera_bounds, takeoff_columns, takeoff_points
 from missions.process import process_parser, run_process, when_interrupted
-from missions.run_folder import RunFolder
+from missions.run_folder import RunFolder, write_views
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
 from sim_bridge.render.renderer import make_renderer
@@ -67,9 +67,10 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
                 clock.admit({GROUND, *(vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1))}, join_timeout_s)
                 world.run()
                 write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(),
-                                       "pictures": world.pictures, "renderer": renderer.backend_name,
+                                       "pictures": len(world.true_pictures), "renderer": renderer.backend_name,
                                        "notes": scene.notes, "site": msgspec.to_builtins(site)})
-    folder.write_process_record(BRIDGE, messages_sent=bus.sent, frames=world.pictures, ticks=world.ticks,
+                write_views(folder.truth_views, [folder.view_row(m) for m in world.true_pictures])
+    folder.write_process_record(BRIDGE, messages_sent=bus.sent, frames=len(world.true_pictures), ticks=world.ticks,
                                 render_s=round(world.render_s, 3), wall_s=round(time.perf_counter() - begin, 3))
 
 

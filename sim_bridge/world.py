@@ -6,6 +6,8 @@ import hashlib
 import logging
 import time
 
+import msgspec
+
 from missions import topics
 from missions.bus import Bus
 from missions.clock import GROUND, SECOND_NS, vehicle_name
@@ -13,6 +15,7 @@ from missions.messages import PictureMeta, SensorPicture, ShutterRequest, Vehicl
 from missions.mission import Mission
 from sim_bridge.clock_server import ClockServer, Round
 from sim_bridge.coverage import Coverage
+from sim_bridge.pose_noise import measured
 from sim_bridge.range_sensor import RangeSensor
 from sim_bridge.referee import Referee
 from sim_bridge.render.renderer import Renderer
@@ -34,7 +37,8 @@ class World:
         self._range_sensor = RangeSensor(truth, mission.fleet.range_sensor_m)
         self._flying = {vehicle_name(k): k for k in range(1, mission.fleet.vehicles + 1)}
         self.referee = Referee(truth, mission.fleet)
-        self.pictures = 0
+        self.true_pictures: list[PictureMeta] = []
+        """Every picture that was taken, with its true pose."""
         self.ticks = 0
         self.render_s = 0.0
         bus.subscribe(topics.VEHICLE_STATE)
@@ -85,11 +89,12 @@ class World:
         rgb = self._renderer.render(shutter.camera, shutter.pose, boxes, noise_key)
         jpeg = encode_jpeg(rgb, self._mission.camera.jpeg_quality)
         self.render_s += time.perf_counter() - begin
+        spec = self._mission.camera
         meta = PictureMeta(vehicle_id=shutter.vehicle_id, view_id=shutter.view_id, phase=shutter.phase,
-                           t_capture_ns=shutter.t_capture_ns, pose=shutter.pose, position_sigma_m=0.0,
-                           speed_m_s=shutter.speed_m_s, camera=shutter.camera,
+                           t_capture_ns=shutter.t_capture_ns, pose=measured(shutter, spec, self._mission.seed),
+                           position_sigma_m=spec.position_sigma_m, speed_m_s=shutter.speed_m_s, camera=shutter.camera,
                            sha256=hashlib.sha256(jpeg).hexdigest(), size_bytes=len(jpeg))
         self._bus.publish(topics.SENSOR_PICTURE, SensorPicture(meta=meta, jpeg=jpeg), shutter.vehicle_id)
-        self.pictures += 1
+        self.true_pictures.append(msgspec.structs.replace(meta, pose=shutter.pose))
         if shutter.phase == EXPLORE:
             self._coverage.add(shutter)

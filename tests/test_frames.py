@@ -23,6 +23,14 @@ def test_camera_axes_are_a_right_handed_rotation(yaw, elevation):
     assert r[2, 1] <= 0, "down points down"
 
 
+@given(yaws, elevations, st.floats(-1.5, 1.5))
+def test_roll_turns_right_to_down_and_leaves_the_view(yaw, elevation, roll):
+    level, rolled = frames.enu_from_camera(yaw, elevation), frames.enu_from_camera(yaw, elevation, roll)
+    np.testing.assert_allclose(rolled[:, 2], level[:, 2], atol=1e-12)
+    np.testing.assert_allclose(rolled[:, 0], math.cos(roll) * level[:, 0] + math.sin(roll) * level[:, 1], atol=1e-12)
+    assert math.isclose(np.linalg.det(rolled), 1.0, abs_tol=1e-12)
+
+
 @given(yaws, elevations)
 def test_quaternion_there_and_back(yaw, elevation):
     r = frames.enu_from_camera(yaw, elevation)

@@ -30,7 +30,7 @@ SOI = b"\xff\xd8"
 
 def meta_of(jpeg: bytes, view_id: int = 5, phase: str = "explore") -> PictureMeta:
     return PictureMeta(vehicle_id=2, view_id=view_id, phase=phase, t_capture_ns=12_345_000_000,
-                       pose=Pose((10.0, -20.0, 15.5), 0.7, -0.2), position_sigma_m=0.0, speed_m_s=1.5, camera=CAMERA,
+                       pose=Pose((10.0, -20.0, 15.5), 0.7, -0.2), position_sigma_m=0.02, speed_m_s=1.5, camera=CAMERA,
                        sha256=hashlib.sha256(jpeg).hexdigest(), size_bytes=len(jpeg))
 
 
@@ -137,6 +137,7 @@ def test_exif_position_time_and_focal_length(tmp_path: Path) -> None:
     back = SITE.enu_from_geodetic(lat, -lon, float(gps[6]))
     assert (gps[1], gps[3]) == ("N", "W")
     assert np.allclose(back, (10.0, -20.0, 15.5), atol=1e-3)
+    assert float(gps[31]) == 0.02
     assert exif[0x110] == "swarmscan simulated camera"
     assert details[0x9003] == "2026:06:01 10:00:12"
     assert math.isclose(float(details[0x920A]), 9.6 * CAMERA.fx_px / 48, abs_tol=1e-3)

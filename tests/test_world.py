@@ -19,18 +19,20 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from missions import topics
 from missions.bus import Bus
 from missions.camera import Camera, Pose
 from missions.clock import BRIDGE, SECOND_NS, SimClock, Turn
 from missions.messages import RangeScan, SensorPicture, ShutterRequest, SiteBrief, VehicleState
-from missions.mission import FleetSpec, Mission, ObstacleSpec, SceneSpec, SiteSpec, without_scene
+from missions.mission import CameraSpec, FleetSpec, Mission, ObstacleSpec, SceneSpec, SiteSpec, without_scene
 from missions.mission_file import write_mission
 from missions.sensors import RANGE_DIRECTIONS
 from sim_bridge.__main__ import main, site_brief
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
+from sim_bridge.pose_noise import measured
 from sim_bridge.range_sensor import RangeSensor
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.truth import Truth
@@ -159,7 +161,23 @@ def test_every_shutter_gets_its_picture(flight: tuple[World, Coverage, dict[str,
             assert hashlib.sha256(p.jpeg).hexdigest() == p.meta.sha256
             assert len(p.jpeg) == p.meta.size_bytes
             assert (p.meta.vehicle_id, p.meta.camera, p.meta.phase) == (vehicle_id, CAMERA, "explore")
-    assert world.pictures == 12
+    assert len(world.true_pictures) == 12
+
+
+def test_pictures_carry_measured_poses_and_the_truth_stays_behind() -> None:
+    true = Pose((1.0, 2.0, 3.0), 0.4, -0.2)
+    shutters = [ShutterRequest(vehicle_id=1, view_id=k, phase="survey", t_capture_ns=k * SECOND_NS, pose=true,
+                               speed_m_s=0.0, camera=CAMERA) for k in range(2000)]
+    spec = CameraSpec(position_sigma_m=0.02, attitude_sigma_deg=0.3)
+    told = [measured(s, spec, seed=7) for s in shutters]
+    assert told == [measured(s, spec, seed=7) for s in shutters]
+    assert told[0] != measured(shutters[0], spec, seed=8)
+    assert all(measured(s, CameraSpec(), seed=7) == true for s in shutters)
+    position = np.array([p.position_enu_m for p in told]) - true.position_enu_m
+    assert position.std(axis=0) == pytest.approx([0.02] * 3, rel=0.06)
+    assert position.mean(axis=0) == pytest.approx([0.0] * 3, abs=0.002)
+    turned = [np.degrees(Rotation.from_matrix(true.enu_from_camera.T @ p.enu_from_camera).as_rotvec()) for p in told]
+    assert np.std(turned, axis=0) == pytest.approx([0.3] * 3, rel=0.06)
 
 
 def test_pictures_show_the_boxes_of_their_moment(flight: tuple[World, Coverage, dict[str, Heard]]) -> None:
@@ -268,6 +286,8 @@ def test_the_process_flies_a_mission_and_leaves_the_truth(tmp_path: Path) -> Non
     assert len(trimesh.load_mesh(tmp_path / "truth" / "reference.ply").faces) == 12
     record = json.loads((tmp_path / "processes" / "bridge.json").read_text(encoding="utf-8"))
     assert record["frames"] == 3
+    rows = (tmp_path / "truth" / "views.csv").read_text(encoding="utf-8").splitlines()
+    assert [r.split(",")[4:7] for r in rows[1:]] == [["0.000000000", "-9.000000000", "5.000000000"]] * 3
 
 
 @pytest.mark.loopback
