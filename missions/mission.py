@@ -195,10 +195,12 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     views_path: str = ""
     max_views: Annotated[int, Meta(ge=1)] = 160
     distance_m: Positive = 8.0
-    """Preferred distance to the surface; views may stand 0.35 to 1.7 times as far."""
+    """Distance to the surface: views stand 0.35 to 1.7 times as far."""
     pictures_per_patch: Annotated[int, Meta(ge=1)] = 3
+    """Pictures that every place should be in; two more count a little."""
     gsd_m: Positive = 0.01
-    """Ground sampling distance that is asked for. The camera moves at most this far over the surface in an exposure."""
+    """Ground sampling distance that is asked for: a picture that shows a place coarser counts as much less. The camera
+    moves at most this far over the surface in an exposure."""
     method: Literal["swarmscan", "thesis"] = "swarmscan"
     """Who flies which views in which order: shortest time until the last vehicle is done over flown legs, or the
     thesis's Ward clusters, networkx tours and reassignment."""

@@ -94,7 +94,8 @@ def _plan_views(grid: VoxelGrid) -> None:
     asker = Asker(1, np.where(lattice.positions_enu_m[:, 0] < WALL_X, 1.0, np.inf))
     plan_views(imagined, lattice, camera, 9.0, [asker], chance, AheadSpec(limits, 2.0), lambda gains, legs: True)
     nearest_depth_m(grid, [lattice.pose(0, 0)], camera)
-    plan_survey(grid, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2))
+    plan_survey(grid, lattice.positions_enu_m, camera, np.zeros(3), SIZE_M, SurveyViewSpec(max_views=2),
+                [lattice.pose(0, 0)])
     along_x, no_view = np.array([[1.0, 0.0, 0.0]]), np.zeros(2, dtype=np.int64)
     view_gains(grid.state, np.ones(3), np.ones(3), np.ones((1, 3)), along_x, np.zeros(3), SIZE_M, 9.0, 1.0, no_view,
                no_view, 1)

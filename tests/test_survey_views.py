@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from missions.camera import Camera, Pose
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
@@ -151,7 +156,7 @@ def test_only_known_free_space_is_looked_through(between: int, visible: bool) ->
     grid.state[:2] = OCCUPIED
     grid.state[10] = between
     wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]))
-    sightings = find_sightings(grid, wall, np.array([[8.0, 6.1, 6.1]]), SightSpec())
+    sightings = find_sightings(grid, wall, np.array([[8.0, 6.1, 6.1]]), SightSpec(), 12.0)
     assert (len(sightings.patch) == 1) == visible
 
 
@@ -161,4 +166,88 @@ def test_distance_and_incidence_limit_sightings(position: tuple[float, float, fl
     grid = VoxelGrid.unknown(np.zeros(3), np.full(3, 12.0), 0.5)
     grid.state[:], grid.state[:2] = FREE, OCCUPIED
     wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]))
-    assert (len(find_sightings(grid, wall, np.array([position]), SightSpec()).patch) == 1) == visible
+    assert (len(find_sightings(grid, wall, np.array([position]), SightSpec(), 12.0).patch) == 1) == visible
+
+
+@pytest.mark.parametrize(("position", "quality"), [((6.9, 6.1, 6.1), 1.0), ((8.9, 6.1, 6.1), 0.75),
+                                                   ((3.9, 10.1, 6.1), 6.0 * 0.6 / 5.0)])
+def test_a_sighting_counts_by_the_resolution_asked_for(position: tuple[float, float, float], quality: float) -> None:
+    grid = VoxelGrid.unknown(np.zeros(3), np.full(3, 12.0), 0.5)
+    grid.state[:], grid.state[:2] = FREE, OCCUPIED
+    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]))
+    assert find_sightings(grid, wall, np.array([position]), SightSpec(), 6.0).quality == pytest.approx([quality])
+
+
+def room(seed: int) -> tuple[VoxelGrid, NDArray[np.float64]]:
+    """Three boxes at random in free space, and positions that are clear of them."""
+    rng = np.random.default_rng(seed)
+    grid = VoxelGrid.unknown(np.zeros(3), np.array([16.0, 16.0, 12.0]), 0.5)
+    grid.state[:] = FREE
+    for _ in range(3):
+        low = rng.integers((8, 8, 0), (20, 20, 14))
+        high = low + rng.integers(2, 5, 3)
+        grid.state[low[0]:high[0], low[1]:high[1], low[2]:high[2]] = OCCUPIED
+    positions = lattice_positions(np.full(3, 1.0), np.array([15.0, 15.0, 11.0]), 3.0)
+    clear = ndimage.distance_transform_edt(grid.state == FREE) * grid.voxel_m
+    return grid, positions[clear[tuple(grid.index(positions).T)] > 1.0]
+
+
+def planned(seed: int, spec: SurveyViewSpec, taken: list[Pose]) -> SurveyPlan:
+    grid, positions = room(seed)
+    return plan_survey(grid, positions, CAMERA, np.full(3, 3.0), np.array([13.0, 13.0, 11.0]), spec, taken)
+
+
+PLAIN = SurveyViewSpec(max_views=6, gsd_m=1.0, parallax_deg=(0.0, 180.0), azimuths=8, elevations_deg=(-45.0, 0.0, 45.0),
+                       thrift=0.0, least_gain=0.01)
+"""Every picture is sharp and every pair has parallax: what views are worth together depends on their number alone."""
+
+
+def together(plan: SurveyPlan) -> float:
+    """What the pictures of a plan under PLAIN are worth."""
+    worths = np.array([0.0, 1.0, 0.9, 0.81, 0.1, 0.1])
+    return float(np.cumsum(worths)[np.minimum(plan.pictures, 5)].sum())
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 10_000), st.randoms(use_true_random=False))
+def test_no_other_set_of_views_is_worth_much_more(seed: int, rng: random.Random) -> None:
+    """Greedy reaches 1 - 1/e of the best set for what is monotone and submodular (Nemhauser et al., 1978)."""
+    ours = planned(seed, PLAIN, [])
+    _, positions = room(seed)
+    nothing = replace(PLAIN, max_views=0)
+    for _ in range(3):
+        others = [Pose(tuple(rng.choice(positions.tolist())), rng.uniform(-3.1, 3.1), rng.uniform(-1.0, 1.0))
+                  for _ in range(len(ours.poses))]
+        assert together(ours) >= (1.0 - 1.0 / math.e) * together(planned(seed, nothing, others))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, 5), st.sampled_from([0.0, 0.2]))
+def test_a_larger_budget_begins_with_the_same_views_and_covers_more(seed: int, few: int, thrift: float) -> None:
+    spec = replace(SurveyViewSpec(max_views=8, least_gain=0.01), thrift=thrift)
+    small, large = planned(seed, replace(spec, max_views=few), []), planned(seed, spec, [])
+    assert large.poses[:few] == small.poses
+    assert (large.pictures >= small.pictures).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 5))
+def test_what_was_taken_before_counts_as_if_it_had_been_planned(seed: int, before: int) -> None:
+    spec = replace(SurveyViewSpec(max_views=8, least_gain=0.01), thrift=0.0)
+    whole = planned(seed, spec, [])
+    rest = planned(seed, replace(spec, max_views=8 - before), whole.poses[:before])
+    assert rest.poses == whole.poses[before:]
+    assert (rest.pictures == whole.pictures).all()
+    assert (rest.paired == whole.paired).all()
+
+
+def test_views_near_each_other_are_preferred_at_little_cost(plan: SurveyPlan) -> None:
+    grid = bridge()
+    careless = plan_survey(grid, allowed_positions(grid), CAMERA, OBJECT_MIN, OBJECT_MAX, SurveyViewSpec(thrift=0.0))
+
+    def hops_m(poses: list[Pose]) -> float:
+        at = np.array([p.position_enu_m for p in poses])
+        return float(cKDTree(at).query(at, k=2)[0][:, 1].sum())
+
+    assert hops_m(plan.poses) < 0.9 * hops_m(careless.poses)
+    assert plan.covered_share(3) > careless.covered_share(3) - 0.02

@@ -20,12 +20,12 @@ from planning.nbv.rays import segment_blocked
 class SightSpec:
     """What makes a good picture of a patch."""
 
-    distance_m: float = 9.0
-    """Preferred distance."""
     nearest_m: float = 3.0
     farthest_m: float = 15.0
     incidence_deg: float = 70.0
-    """Generous, because the normals of patches are the nearest axis directions."""
+    """From the axis direction that a patch faces. Normals smoothed over the map were measured in its place and lost: a
+    map of voxels rounds edges off, and pictures planned on its slopes see the two walls of an edge under 80 degrees and
+    more. 65 and 75 degrees are a little worse."""
     tolerance_voxels: float = 2.0
     """How far before the patch the line of sight may end: measured surface is a voxel or two thick, unknown behind."""
 
@@ -39,11 +39,15 @@ class Sightings:
     towards_position_enu: Array
     """(s, 3) unit vectors from patch to position."""
     quality: Array
-    """(s,) in (0, 1]: 1 at the preferred distance, head on."""
+    """(s,) in (0, 1]: 1 at the resolution asked for or better, less in proportion where a pixel covers more."""
 
 
-def find_sightings(grid: VoxelGrid, patches: Patches, positions_enu_m: Array, spec: SightSpec) -> Sightings:
-    """All pairs within the distances and the incidence limit, with nothing between them that is not known free."""
+def find_sightings(grid: VoxelGrid, patches: Patches, positions_enu_m: Array, spec: SightSpec,
+                   sharp_m: float) -> Sightings:
+    """All pairs within the distances and the incidence limit, with nothing between them that is not known free.
+
+    sharp_m: distance up to which a picture, taken head on, has the resolution asked for: that times the focal length.
+    """
     near = cKDTree(positions_enu_m).query_ball_point(patches.position_enu_m, spec.farthest_m, return_sorted=True)
     patch = np.repeat(np.arange(len(patches)), [len(found) for found in near])
     position = np.fromiter((p for found in near for p in found), dtype=np.int64, count=len(patch))
@@ -56,8 +60,7 @@ def find_sightings(grid: VoxelGrid, patches: Patches, positions_enu_m: Array, sp
     good = ~_blocked(grid.state, FREE, (positions_enu_m - grid.origin_enu_m) / grid.voxel_m,
                      (patches.position_enu_m - grid.origin_enu_m) / grid.voxel_m, position, patch,
                      spec.tolerance_voxels / np.maximum(facing, 0.5))
-    sharpness = np.minimum(distance / spec.distance_m, spec.distance_m / distance)
-    return Sightings(patch[good], position[good], towards[good], (sharpness * np.sqrt(facing))[good])
+    return Sightings(patch[good], position[good], towards[good], np.minimum(1.0, sharp_m * facing / distance)[good])
 
 
 @nb.njit(cache=True, parallel=True)
