@@ -52,7 +52,8 @@ def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
     clock = SimClock(bus, mission.mission_hash)
     site = clock.join()
     anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
-    ingest, recorder = Ingest(run, anchor, mission.clock.epoch_utc), Recorder(run, mission, site)
+    mapped = ("explore", "survey") if mission.survey.refine else ("explore",)
+    ingest, recorder = Ingest(run, anchor, mission.clock.epoch_utc, mapped), Recorder(run, mission, site)
     fleet = Fleet(mission, site, bus, ingest, recorder)
     try:
         director = Director(mission, site, fleet, bus, recorder, open_prior(mission, run, site))

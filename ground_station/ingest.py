@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import logging
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -52,7 +53,7 @@ class Assembly:
 
 @dataclass(frozen=True)
 class Picture:
-    """A received picture; rgb (height, width, 3) uint8 is decoded for exploration only."""
+    """A received picture; rgb (height, width, 3) uint8 is decoded for the map only."""
 
     meta: PictureMeta
     rgb: NDArray[np.uint8] | None
@@ -114,8 +115,9 @@ class Reassembly:
 class Ingest:
     """Reassembly with a disk: pictures and views.csv are written before anything is acknowledged."""
 
-    def __init__(self, run: RunFolder, site: Site, epoch_utc: str) -> None:
-        self._run, self._site = run, site
+    def __init__(self, run: RunFolder, site: Site, epoch_utc: str, mapped: Collection[str] = ("explore",)) -> None:
+        """mapped: phases whose pictures are decoded."""
+        self._run, self._site, self._mapped = run, site, mapped
         self._epoch = datetime.fromisoformat(epoch_utc)
         self._reassembly = Reassembly()
         self._rows: list[list[object]] = []
@@ -145,7 +147,7 @@ class Ingest:
             return result, None
         meta, jpeg = result
         self._store(meta, jpeg)
-        rgb = decode_rgb(jpeg) if meta.phase == "explore" else None
+        rgb = decode_rgb(jpeg) if meta.phase in self._mapped else None
         return PictureAck(view_id=meta.view_id, sha256=meta.sha256), Picture(meta, rgb)
 
     def overdue(self, t_ns: int) -> list[tuple[int, PictureAck]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from missions.camera import View
+from missions.camera import Pose, View
 
 FLOWN = "flown"
 UNREACHABLE = "unreachable"
@@ -126,6 +126,10 @@ class ViewLedger:
     def count(self, outcome: str) -> int:
         """How many views ended this way."""
         return sum(e.outcome == outcome for e in self._entries.values())
+
+    def flown_poses(self) -> list[Pose]:
+        """Of the views whose pictures are on disk, by id."""
+        return [e.view.pose for _, e in sorted(self._entries.items()) if e.outcome == FLOWN]
 
     def origin(self, view_id: int) -> int | None:
         """The vehicle a view was first given to."""

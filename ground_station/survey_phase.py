@@ -10,14 +10,17 @@ from collections.abc import Callable
 from ground_station.control import Control
 from ground_station.explore import Explorer
 from ground_station.fleet import Drone, Stage
-from ground_station.ledger import ENERGY, LOST
+from ground_station.ledger import ENERGY, LOST, ViewLedger
 from ground_station.survey import Survey
+from ground_station.survey_map import SurveyMap
 from ground_station.survey_method import means_of
-from ground_station.survey_views import known_space, survey_views
+from ground_station.survey_views import FIRST_VIEW_ID, known_space, refining_views, survey_views
 from ground_station.tours import Flyer
 from ground_station.traffic import Traffic, holding
+from missions.camera import View
 from missions.clock import SECOND_NS
 from missions.frames import Array
+from missions.grid import VoxelGrid
 from missions.mavlink import Waypoint
 
 log = logging.getLogger(__name__)
@@ -35,24 +38,45 @@ class SurveyPhase:
         self._handed_over: set[int] = set()
         self._sent: dict[int, list[Waypoint]] = {}
         self._traffic = Traffic(control.mission)
+        self._ledgers: list[ViewLedger] = []
+        mission = control.mission
         if explorer is not None:
             explorer.refresh()
-        prior = control.prior
-        grid = explorer.grid if explorer is not None else known_space(control.mission, control.site, prior)
+        grid = explorer.grid if explorer is not None else known_space(mission, control.site, control.prior)
+        explored = [] if explorer is None else explorer.poses(every_picture=mission.survey.views == "frames")
+        refining = explorer is not None and mission.survey.refine > 0
+        self._map = SurveyMap(explorer.map, mission.camera.explore_px) if explorer is not None and refining else None
+        self._begin("start", grid, lambda starts, hits: survey_views(
+            mission, control.site, grid, explored, starts, control.prior, hits))
+
+    def _begin(self, why: str, grid: VoxelGrid, plan: Callable[[list[Array], Array], list[View]]) -> None:
+        """A flight over the views that are planned from where the vehicles are, keeping clear of what they have hit."""
+        control, flyers = self._control, self._flyers()
         control.send_map(grid)
-        explored = [] if explorer is None else explorer.poses(every_picture=control.mission.survey.views == "frames")
-        flyers = self._flyers()
         starts, hits = [f.position_enu_m for f in flyers], control.unmapped_hits(grid)
-        views = survey_views(control.mission, control.site, grid, explored, starts, prior, hits)
-        means = means_of(control.mission, control.site, views, grid, prior, starts, hits)
+        views = plan(starts, hits)
+        means = means_of(control.mission, control.site, views, grid, control.prior, starts, hits)
         self._airspace, self.survey = means.airspace, Survey(views, means.method, means.shooting)
-        self._allocate("start", lambda: self.survey.begin(flyers, self._t_s))
+        self._ledgers.append(self.survey.ledger)
+        self._allocate(why, lambda: self.survey.begin(flyers, self._t_s))
         log.info("survey: %d views for %d vehicles", len(views), len(flyers))
+
+    def _refine(self, completed: SurveyMap) -> None:
+        """A second flight, to what the first one's pictures show too rarely."""
+        self._map = None
+        control, taken, grid = self._control, self.survey.ledger.flown_poses(), completed.grid()
+        first_view_id = FIRST_VIEW_ID + self.survey.progress[1]
+        self._begin("refine", grid, lambda starts, hits: refining_views(
+            control.mission, control.site, grid, taken, first_view_id, starts, control.prior, hits))
+        control.note(f"{self.survey.progress[1]} more views for what fewer than "
+                     f"{control.mission.survey.pictures_per_patch} pictures show")
 
     def step(self) -> None:
         """One turn."""
         survey = self.survey
         for picture in self._fleet.new_pictures:
+            if self._map is not None:
+                self._map.add(picture)
             meta = picture.meta
             survey.flown(meta.view_id, meta.vehicle_id)
             origin = survey.ledger.origin(meta.view_id) if meta.view_id in survey.ledger else None
@@ -65,8 +89,15 @@ class SurveyPhase:
             self._allocate(news, lambda: survey.redistribute(flyers, self._t_s))
         for drone in self._fleet.drones.values():
             self._orders(drone, survey)
-        self._recorder.outcomes, self._recorder.reassignments = survey.ledger.outcomes(), survey.ledger.reassignments
-        self._recorder.outcome_details = survey.ledger.details()
+        self._record()
+        if survey.over and self._map is not None:
+            self._refine(self._map)
+
+    def _record(self) -> None:
+        recorder = self._recorder
+        recorder.outcomes = {k: v for ledger in self._ledgers for k, v in ledger.outcomes().items()}
+        recorder.outcome_details = {k: v for ledger in self._ledgers for k, v in ledger.details().items()}
+        recorder.reassignments = [r for ledger in self._ledgers for r in ledger.reassignments]
 
     @property
     def _t_s(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,9 @@ CANDIDATE_STEP_M = 2.0
 
 def check_survey(mission: Mission) -> None:
     """Whether the mission's survey can be flown at all. Raises UserError."""
+    if mission.survey.enabled and mission.survey.refine and not mission.explore.enabled:
+        raise UserError("mission: survey.refine needs explore.enabled = true, for it completes the explored map; "
+                        "explore first or set survey.refine = 0.")
     if not mission.survey.enabled or mission.explore.enabled or mission.survey.views == "file":
         return
     if mission.survey.views != "map" or mission.knowledge == "none":
@@ -64,22 +68,31 @@ def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: S
     elif spec.views in ("exploration", "frames"):
         poses = list(explored[: spec.max_views])
     else:
-        poses = _planned(mission, grid, Airspace.of(grid, mission, site, prior, hits_enu_m), site, starts_enu_m)
+        airspace = Airspace.of(grid, mission, site, prior, hits_enu_m)
+        poses = _planned(mission, grid, airspace, site, starts_enu_m, SurveyViewSpec.of(spec), [])
     return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]
 
 
-def _planned(mission: Mission, grid: VoxelGrid, airspace: Airspace, site: SiteBrief,
-             starts_enu_m: list[Array]) -> list[Pose]:
+def refining_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, taken: Sequence[Pose], first_view_id: int,
+                   starts_enu_m: list[Array], prior: Prior | None = None, hits_enu_m: Array = NO_HITS) -> list[View]:
+    """At most survey.refine more views for what the pictures taken show too rarely."""
+    spec = replace(SurveyViewSpec.of(mission.survey), max_views=mission.survey.refine)
+    airspace = Airspace.of(grid, mission, site, prior, hits_enu_m)
+    poses = _planned(mission, grid, airspace, site, starts_enu_m, spec, taken)
+    return [View(first_view_id + i, pose) for i, pose in enumerate(poses)]
+
+
+def _planned(mission: Mission, grid: VoxelGrid, airspace: Airspace, site: SiteBrief, starts_enu_m: list[Array],
+             spec: SurveyViewSpec, taken: Sequence[Pose]) -> list[Pose]:
     if not starts_enu_m:
         return []
     positions = lattice_positions(*camera_bounds(mission, site), CANDIDATE_STEP_M)
     positions = positions[airspace.clear_at(positions)]
     far = np.array([airspace.reach(start, []).distance_to(positions) for start in starts_enu_m])
     positions = positions[np.isfinite(far).any(axis=0)]
-    plan = plan_survey(grid, positions, mission.camera.survey_camera(), *surface_box(mission, site),
-                       SurveyViewSpec.of(mission.survey))
-    log.info("survey: %d of %d patches can be seen from %d positions; "
+    plan = plan_survey(grid, positions, mission.camera.survey_camera(), *surface_box(mission, site), spec, taken)
+    log.info("survey: %d views; %d of %d patches can be seen from %d positions; "
              "%.0f %% of these in one picture, %.0f %% in three",
-             plan.coverable.sum(), len(plan.patches), len(positions), 100.0 * plan.covered_share(1),
+             len(plan.poses), plan.coverable.sum(), len(plan.patches), len(positions), 100.0 * plan.covered_share(1),
              100.0 * plan.covered_share(3))
     return plan.poses

@@ -194,6 +194,9 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     as in the thesis, or a file."""
     views_path: str = ""
     max_views: Annotated[int, Meta(ge=1)] = 160
+    refine: Annotated[int, Meta(ge=0)] = 0
+    """Views of a second, short flight to what too few pictures show, by the map that the survey's own pictures have
+    completed; as many of them as energy allows."""
     distance_m: Positive = 8.0
     """Distance to the surface: views stand 0.35 to 1.7 times as far."""
     pictures_per_patch: Annotated[int, Meta(ge=1)] = 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,13 @@ from ground_station.explore import MAX_FALLBACKS, Asking, Explorer
 from ground_station.legs import picture_leg
 from ground_station.novelty import Novelty
 from ground_station.recorder import Recorder
-from ground_station.survey_views import check_survey, known_outside
+from ground_station.survey_views import check_survey, known_outside, refining_views, survey_views
 from ground_station.views_file import read_views
 from missions.camera import Pose
 from missions.errors import UserError
-from missions.grid import FREE, UNKNOWN, VoxelGrid
+from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from missions.messages import SiteBrief, VehicleState
-from missions.mission import ExploreSpec, Mission
+from missions.mission import ExploreSpec, Mission, SurveySpec
 from missions.mission_file import load_mission
 from missions.pads import geofence, hover_points
 from missions.run_folder import RunFolder
@@ -151,6 +152,25 @@ def test_views_files_are_read_or_refused_with_line_and_remedy(tmp_path: Path) ->
 def test_a_survey_that_knows_nothing_is_refused() -> None:
     with pytest.raises(UserError, match="explore first or give a views file"):
         check_survey(Mission(title="t", explore=ExploreSpec(enabled=False)))
+    with pytest.raises(UserError, match=r"explore first or set survey\.refine = 0"):
+        check_survey(Mission(title="t", knowledge="mesh", explore=ExploreSpec(enabled=False),
+                             survey=SurveySpec(refine=5)))
+
+
+def test_a_second_flight_goes_to_what_the_first_one_did_not_know_of() -> None:
+    mission = Mission(title="t", survey=SurveySpec(max_views=20, refine=6))
+    grid = VoxelGrid.unknown(*geofence(mission, SITE), 0.5)
+    grid.state[:] = FREE
+    west, east = (grid.index(np.array([x, 0.0, 1.0])) for x in (-3.0, 3.0))
+    grid.state[west[0], west[1] - 4:west[1] + 4, west[2]:west[2] + 8] = OCCUPIED
+    start = [np.array([0.0, -12.0, 4.0])]
+    taken = [v.pose for v in survey_views(mission, SITE, grid, [], start)]
+    assert refining_views(mission, SITE, grid, taken, 10021, start) == []
+    grid.state[east[0], east[1] - 4:east[1] + 4, east[2]:east[2] + 8] = OCCUPIED
+    more = refining_views(mission, SITE, grid, taken, 10021, start)
+    assert [v.view_id for v in more] == list(range(10021, 10027))
+    nearer_east = [v.pose.position_enu_m[0] + 2.0 * math.cos(v.pose.yaw_enu_rad) > 0.0 for v in more]
+    assert all(nearer_east)
 
 
 def test_without_exploration_the_objects_box_is_not_free() -> None:

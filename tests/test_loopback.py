@@ -29,6 +29,7 @@ from vehicle.plan_check import LOST_TEAMMATE
 HERE = Path(__file__).parent
 MISSION = HERE / "missions" / "house.toml"
 SCENE_NAME = "very_secret_house"
+REFINED = ["survey.refine=4"]
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 
@@ -82,7 +83,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, list[str
     for room in ("planning", "perception", "vehicle"):
         subprocess.run([sys.executable, "-m", f"{room}.warm_up"], check=True)
     folder = tmp_path_factory.mktemp("loopback")
-    run, complaints = fly(folder, [], environment=audited(folder))
+    run, complaints = fly(folder, REFINED, environment=audited(folder))
     return run, complaints, folder
 
 
@@ -92,7 +93,9 @@ def test_the_mission_flies_from_take_off_to_landing(flown: tuple[RunFolder, list
     record, referee = flight_of(run), json.loads(run.referee.read_text())
     assert referee["collisions"] == 0
     assert set(record["phases"]) == {"explore", "survey", "return"}
-    assert record["fleet"]["views_flown"] == len(record["outcomes"]) == 12
+    assert record["fleet"]["views_flown"] == len(record["outcomes"]) == 16
+    assert [a["why"] for a in record["allocations"]] == ["start", "refine"]
+    assert any(note.endswith("4 more views for what fewer than 3 pictures show") for note in record["notes"])
     assert referee["coverage"]["final"] >= 0.5 * referee["coverage"]["ceiling"]
 
 
@@ -138,7 +141,7 @@ def test_the_same_mission_flies_the_same_trajectories_again(
         flown: tuple[RunFolder, list[str], Path], tmp_path: Path) -> None:
     first, _, folder = flown
     (tmp_path / f"{SCENE_NAME}.ply").write_bytes((folder / f"{SCENE_NAME}.ply").read_bytes())
-    second, _ = fly(tmp_path, [])
+    second, _ = fly(tmp_path, REFINED)
     with np.load(first.trajectories) as a, np.load(second.trajectories) as b:
         assert sorted(a.files) == sorted(b.files)
         assert [name for name in a.files if not np.array_equal(a[name], b[name])] == []
