@@ -16,6 +16,7 @@ from ground_station.report.pictures import thumbnail
 from ground_station.report.run_data import RunData
 from ground_station.report.sections import chart, chart_section, figure, pair, row, section
 from ground_station.report.style import CSS, SCRIPT
+from ground_station.report.survey import survey_part
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
 from ground_station.report.thesis_page import thesis_part
 from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_numbers, percent
@@ -34,7 +35,7 @@ def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> s
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
     body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud),
-                    exploration_part(data, data.referee.get("coverage") or {}), thesis_part(data),
+                    exploration_part(data, data.referee.get("coverage") or {}), survey_part(data), thesis_part(data),
                     _measurements(measured, metrics, thesis), _regions(data, cloud, measured, metrics),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"

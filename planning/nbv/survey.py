@@ -85,14 +85,14 @@ def plan_survey(grid: VoxelGrid, positions_enu_m: Array, camera: Camera, object_
                 object_max_enu_m: Array, spec: SurveyViewSpec, taken: Sequence[Pose] = ()) -> SurveyPlan:
     """Choose at most spec.max_views views from the given positions, beside pictures that were taken before.
 
-    positions_enu_m: (n, 3) positions that vehicles may hold: free with clearance, and reachable. The plan is empty
-    when there is no surface in the box or no position. Ties go to the earlier candidate.
+    positions_enu_m: (n, 3) positions that vehicles may hold: free with clearance, and reachable. Without positions, or
+    with no surface in the box, nothing is chosen. Ties go to the earlier candidate.
     """
     patches = surface_patches(grid, object_min_enu_m, object_max_enu_m, spec.patch_m)
-    if not len(patches) or not len(positions_enu_m):
+    places = np.concatenate([positions_enu_m, np.array([p.position_enu_m for p in taken]).reshape(-1, 3)])
+    if not len(patches) or not len(places):
         none = np.zeros(len(patches), dtype=np.int64)
         return SurveyPlan([], patches, none.astype(np.bool_), none, none)
-    places = np.concatenate([positions_enu_m, np.array([p.position_enu_m for p in taken]).reshape(-1, 3)])
     yaw, elevation = _orientations(spec)
     shows = _shows(yaw, elevation, camera)
     sight = _sight(find_sightings(grid, patches, places, spec.sight, spec.gsd_m * camera.fx_px), len(patches),
