@@ -6,13 +6,13 @@ map is kept in units of its own, in which the trial's sensing range measures 25:
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 from numba import get_num_threads
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ground_station.nbv.wires import Wires
@@ -131,9 +131,15 @@ class Explored:
         unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
         unknown[box] = self.grid.state[box] == UNKNOWN
-        near = _grown(unknown, self.radius / VOXEL + 0.5)
-        free = self._edges(lambda along: ~near[tuple(np.moveaxis(self.grid.index(along), -1, 0))].any(axis=0))
-        return free | self._flown
+        holds = box_counter(unknown)
+
+        def is_free(along: Array) -> NDArray[np.bool_]:
+            ends = along[[0, -1]]
+            swept = ends.min(axis=0) - self.radius, ends.max(axis=0) + self.radius
+            result: NDArray[np.bool_] = holds(self.grid.index(swept[0]), self.grid.index(swept[1]) + 1) == 0
+            return result
+
+        return self._edges(is_free) | self._flown
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""
@@ -152,11 +158,19 @@ class Explored:
         return start + np.linspace(0.0, 1.0, samples)[:, None, None] * (end - start)
 
 
-def _grown(voxels: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
-    """All voxels whose middle lies nearer than `reach` voxels to that of one of these."""
-    rim = math.ceil(reach)
-    offset = np.stack(np.meshgrid(*3 * (np.arange(-rim, rim + 1),), indexing="ij"), axis=-1)
-    return np.asarray(ndimage.binary_dilation(voxels, (offset**2).sum(axis=-1) < reach**2))
+def box_counter(voxels: NDArray[np.bool_]) -> Callable[[Indices, Indices], Indices]:
+    """A function that counts the true ones in boxes from voxels (n, 3) to before voxels (n, 3), from a summed table."""
+    table = np.pad(voxels.astype(np.int64).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2), ((1, 0),) * 3)
+
+    def count(first: Indices, end: Indices) -> Indices:
+        corners = np.clip(np.stack([first, end]), 0, np.array(voxels.shape))
+        total = np.zeros(len(first), dtype=np.int64)
+        for i, j, k in itertools.product((0, 1), repeat=3):
+            at = corners[i, :, 0], corners[j, :, 1], corners[k, :, 2]
+            total += (-1) ** (i + j + k + 1) * table[at]
+        return total
+
+    return count
 
 
 def _scaled_lattice(lattice: PoseLattice, scale: float) -> PoseLattice:

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
+from ground_station.nbv.hopes import Hopes
 from ground_station.nbv.look_out import looking_out, shut_in
 from ground_station.nbv.options import options_of
 from missions.frames import Array
@@ -26,8 +27,6 @@ from planning.nbv.shown import ShownFaces
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
 from planning.nbv.stopping import Price, Returns, pays
 
-MAYBE_OPEN = 0.6
-"""How likely a step through unknown space will turn out to be open."""
 BLOCKED = 1e-3
 SHOWN_RAYS_ACROSS = 120
 
@@ -46,7 +45,7 @@ class Swarmscan:
         """Raises UserError for options that it does not have."""
         options = options_of(brief, SwarmscanOptions)
         self._lattice, self._camera = brief.lattice, brief.camera
-        self._explored = Explored(brief)
+        self._explored, self._hopes = Explored(brief), Hopes(brief.lattice)
         self._imagination, self._spec = make_imagination(options.adapt), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
         self._visited = set(self._at.values())
@@ -103,17 +102,15 @@ class Swarmscan:
             if other != vehicle:
                 for pose in poses:
                     left = seen.left_after(*divmod(pose, self._lattice.orientations), left)
-        likely = self._likely_open()
-        passable = self._lattice.per_step(likely)
-        steps, here = self._lattice.steps, self._at[vehicle]
+        explored, here = self._explored, self._at[vehicle]
+        likely = self._hopes.likely(explored.open_edges(), explored.known_free_edges())
+        passable, steps = self._lattice.per_step(likely), self._lattice.steps
         promised = promises(seen, left, steps, passable, self._spec)
-        return best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
-                        self._first_steps(vehicle, candidates, likely), promised, self._spec)
-
-    def _likely_open(self) -> Array:
-        """(p, 6) how likely each leg of the lattice is open."""
-        likely = np.where(self._explored.known_free_edges(), 1.0, MAYBE_OPEN)
-        return np.where(self._explored.open_edges(), likely, 0.0)
+        way = best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
+                       self._first_steps(vehicle, candidates, likely), promised, self._spec)
+        if way is not None:
+            self._hopes.count_on(here, way.poses, likely)
+        return way
 
     def _first_steps(self, vehicle: int, candidates: list[Index5], likely: Array) -> list[int]:
         """Candidates that are known to be clear: the new ones where there are any, and of these, for a vehicle that is
