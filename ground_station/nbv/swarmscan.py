@@ -21,7 +21,7 @@ from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
 from missions.pose_lattice import Index5
 from perception.imagination.adapt import make_imagination
-from planning.nbv.coverage import surface_tally
+from planning.nbv.coverage import SurfaceTally, surface_tally
 from planning.nbv.horizon import HorizonSpec, Way, best_way, promises
 from planning.nbv.shown import ShownFaces
 from planning.nbv.sights import ImaginedMap, Orientations, Sights, sights
@@ -55,20 +55,19 @@ class Swarmscan:
         rows = math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px / brief.camera.width_px)
         self._shown = ShownFaces(brief.camera.scaled(SHOWN_RAYS_ACROSS, rows), RANGE)
         self._returns, self._price = Returns(), Price()
+        self._latest: tuple[SurfaceTally, Sights] | None = None
 
     def see(self, frame: Frame) -> None:
         """Takes a picture in."""
         self._explored.see(frame)
+        self._latest = None
         if frame.index is not None:
             self._shown.add(self._explored.pose(frame.index))
 
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
         """The first step of the best way; the vehicle waits while others block all that are known to be clear."""
-        self._explored.refresh()
-        imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
-        tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
-        self._returns.settle(tally.seen_m2)
-        way = self._plan(vehicle, candidates, sights(imagined, positions, self._orientations, RANGE))
+        tally, seen = self._reckoned()
+        way = self._plan(vehicle, candidates, seen)
         if way is None:
             return Choice(vehicle=vehicle, index=self._lattice.index(self._at[vehicle]),
                           coverage_estimate=tally.coverage)
@@ -80,6 +79,16 @@ class Swarmscan:
         return Choice(vehicle=vehicle, index=self._lattice.index(way.poses[0]),
                       predicted_gain=way.gains_m2[0] / self._explored.scale**2, coverage_estimate=tally.coverage,
                       stop=not pays(expected, self._returns, tally.coverage, self._price))
+
+    def _reckoned(self) -> tuple[SurfaceTally, Sights]:
+        """What was seen, and what views would show: once for all vehicles that are asked after the same pictures."""
+        if self._latest is None:
+            self._explored.refresh()
+            imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
+            tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
+            self._returns.settle(tally.seen_m2)
+            self._latest = tally, sights(imagined, positions, self._orientations, RANGE)
+        return self._latest
 
     def _legs(self, start: int, poses: list[int]) -> list[float]:
         """Lengths of the steps of a way, in map units."""
