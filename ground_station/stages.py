@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import math
 import shutil
 import sys
 import time
@@ -24,8 +25,11 @@ from ground_station.report.run_data import RunData, read_run
 from missions.errors import UserError
 from missions.process import run_process
 from missions.run_folder import RunFolder
+from perception.reconstruct.alignment import align
+from perception.reconstruct.bundle import Accuracy
 from perception.reconstruct.cloud import write_cloud
 from perception.reconstruct.mesh import poisson_mesh, write_mesh
+from perception.reconstruct.pictures import SurveyPicture
 from perception.reconstruct.pipeline import Settings, reconstruct
 
 log = logging.getLogger(__name__)
@@ -35,14 +39,15 @@ Tell = Callable[[str, int, int], None]
 
 def reconstruct_run(run: RunFolder, keep_depth: bool = False,
                     tell: Tell = lambda stage, done, total: None) -> dict[str, Any]:
-    """Survey pictures to cloud.ply and mesh.ply. Depth maps stay in depth/ until it is done, and after it on request.
+    """Survey pictures to aligned poses, cloud.ply and mesh.ply. Depth maps stay in depth/ until it is done, and after
+    it on request.
 
     Returns counts and seconds. Raises UserError when there are too few pictures or one cannot be read.
     """
     started = time.monotonic()
     data = read_run(run)
     depth_folder = run.root / "depth"
-    pictures = data.survey_pictures()
+    pictures = _aligned(data, tell)
     cloud = reconstruct(pictures, data.region(), settings(data), depth_folder, tell)
     log.info("%d pictures gave %d points in %.1f s", len(pictures), len(cloud), time.monotonic() - started)
     if not len(cloud):
@@ -59,6 +64,19 @@ def reconstruct_run(run: RunFolder, keep_depth: bool = False,
     if not keep_depth:
         shutil.rmtree(depth_folder, ignore_errors=True)
     return _finish(run, "reconstruct", started, result)
+
+
+def _aligned(data: RunData, tell: Tell) -> list[SurveyPicture]:
+    """The survey's pictures, with aligned poses where the mission asks for them and poses are not exact."""
+    pictures, mission = data.survey_pictures(), data.mission
+    accuracy = Accuracy(mission.camera.position_sigma_m, math.radians(mission.camera.attitude_sigma_deg))
+    if accuracy.exact or not mission.reconstruct.align:
+        shutil.rmtree(data.run.alignment, ignore_errors=True)
+        return pictures
+    alignment = align(pictures, accuracy, mission.survey.distance_m, data.run.alignment, settings(data).threads, tell)
+    log.info("%d of %d pictures aligned, reprojection error %s px", alignment.numbers["registered"], len(pictures),
+             alignment.numbers["reprojection_px"])
+    return alignment.pictures
 
 
 def evaluate_run(run: RunFolder) -> dict[str, Any]:

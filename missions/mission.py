@@ -144,7 +144,7 @@ class CameraSpec(_Section, frozen=True, kw_only=True):
     """Standard deviation of simulated sensor noise, in 8-bit steps."""
     position_sigma_m: NonNegative = 0.0
     """How exactly the position of a picture is measured: standard deviation per axis (RTK GNSS: about 0.02). Simulated
-    pictures carry poses that are off by it, and reconstruction trusts measured poses by it; 0 is exact."""
+    pictures carry poses that are off by it, and alignment trusts measured poses by it; 0 is exact."""
     attitude_sigma_deg: NonNegative = 0.0
     """The same for yaw, elevation and roll of the camera (a stabilised gimbal: about 0.3)."""
 
@@ -223,6 +223,8 @@ class ReconstructSpec(_Section, frozen=True, kw_only=True):
     """From survey pictures to cloud and mesh."""
 
     enabled: bool = True
+    align: bool = True
+    """Bundle adjustment of the measured poses before anything is made of them. Without noise there is nothing to do."""
     depth_width_px: Annotated[int, Meta(ge=160)] = 960
     pairs_per_picture: Annotated[int, Meta(ge=1)] = 4
     min_confidence: Annotated[int, Meta(ge=1)] = 3

@@ -102,6 +102,12 @@ class RunFolder:
         return self.root / "thesis_waypoints.npz"
 
     @property
+    def alignment(self) -> Path:
+        """Poses after bundle adjustment and what they rest on; the files are those of
+        `perception.reconstruct.aligned_poses`."""
+        return self.root / "alignment"
+
+    @property
     def cloud(self) -> Path:
         """Reconstructed cloud: x y z, red green blue, nx ny nz, confidence."""
         return self.root / "cloud.ply"

@@ -5,6 +5,8 @@ Calling what a mission calls compiles exactly the types and memory layouts that 
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from missions.camera import Camera, Pose
@@ -16,7 +18,10 @@ from perception.imagination.surroundings import COUNT
 from perception.mapping.line_votes import LineVotes
 from perception.mapping.voxel_map import VoxelMap
 from perception.reconstruct.depth_map import merge_pairs
+from perception.reconstruct.features import Features
 from perception.reconstruct.fusion import PosedDepth, support
+from perception.reconstruct.matching import match
+from perception.reconstruct.pictures import SurveyPicture
 from perception.reconstruct.stereo import PairDepth
 
 CAMERA = Camera.from_diagonal_fov(64, 48, 90.0)
@@ -55,6 +60,10 @@ def _fuse(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32
     depth.setflags(write=False)  # a pipeline reads its depth maps from files mapped read-only
     own, other = (PosedDepth(depth, pose.enu_from_camera, np.array(pose.position_enu_m)) for pose in poses)
     support(own, [other], camera)
+    seen = Features(np.zeros((1, 2), np.float32), np.zeros((1, 128), np.uint8))
+    first, second = (SurveyPicture(k, Path(), camera, pose.enu_from_camera, np.array(pose.position_enu_m))
+                     for k, pose in enumerate(poses))
+    match(first, second, seen, seen, 1.0)
 
 
 if __name__ == "__main__":

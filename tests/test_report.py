@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from msgspec.structs import replace
+from scipy.spatial.transform import Rotation
 
 from ground_station import stages
 from ground_station.report import tiles, time_charts
@@ -22,6 +24,7 @@ from ground_station.report.run_data import Track, read_run, read_views
 from ground_station.report.separation import nearest_pairs
 from ground_station.report.splat import ramp, splat
 from missions.errors import UserError
+from missions.frames import quaternion_from_matrix
 from missions.mission import CameraSpec, Mission, ReconstructSpec, SiteSpec, SurveySpec
 from missions.mission_file import load_mission, write_mission
 from missions.run_folder import RunFolder, write_views
@@ -144,6 +147,30 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
                       "Completeness (C2C)", "Accuracy (C2M)", "By part", "Confidence and error",
                       "Where it is good, and what is missing", "Survey pictures",
                       "Time and memory on this machine", "Notes"]
+
+
+def test_noisy_poses_are_aligned_and_judged_by_the_truth(done: RunFolder, tmp_path: Path) -> None:
+    run = copied(done.root, tmp_path / "run", "alignment", "cloud.ply", "mesh.ply")
+    write_mission(replace(load_mission(run.mission), camera=CameraSpec(
+        survey_px=(640, 360), position_sigma_m=0.02, attitude_sigma_deg=0.3)), run.mission)
+    shutil.copy(run.views_csv, run.truth_views)
+    rng, rows = np.random.default_rng(3), []
+    for v in read_views(run.views_csv):
+        turn = Rotation.from_rotvec(np.radians(0.3) * rng.standard_normal(3)).as_matrix()
+        q, p = quaternion_from_matrix(v.enu_from_camera @ turn), v.position_enu_m + 0.02 * rng.standard_normal(3)
+        rows.append([v.view_id, v.vehicle_id, v.phase, v.t_capture_s, *p, *q, v.speed_m_s, v.path])
+    write_views(run.views_csv, rows)
+    stages.reconstruct_run(run)
+    metrics = stages.evaluate_run(run)
+    found = metrics["alignment"]
+    assert found["registered"] == found["pictures"] == 9
+    assert found["error_aligned"]["position_mean_m"] < 0.6 * found["error_measured"]["position_mean_m"]
+    assert found["error_aligned"]["attitude_mean_deg"] < 0.5 * found["error_measured"]["attitude_mean_deg"]
+    exact = json.loads(done.metrics.read_text())
+    assert exact["alignment"] is None
+    assert metrics["c2c"]["completeness"]["0.25"] > exact["c2c"]["completeness"]["0.25"] - 0.02
+    data = read_run(run)
+    assert "9 of 9" in page(data, measure(data), metrics)
 
 
 def test_json_is_the_only_thing_on_stdout(done: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:

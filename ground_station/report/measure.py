@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from ground_station.report.run_data import RunData
+from ground_station.report.run_data import RunData, read_views
 from missions.run_folder import RunFolder
 from perception.evaluate.comparison import RESAMPLE_M, Comparison, compare
 from perception.evaluate.inspection import Asked, Inspection, Shot, inspect
@@ -41,8 +41,10 @@ def measure(data: RunData) -> Measured | None:
 
 
 def _shots(data: RunData) -> list[Shot]:
+    """From where the pictures were really taken, where that is known."""
     camera = data.mission.camera.survey_camera()
-    return [Shot(camera, v.enu_from_camera, v.position_enu_m, v.speed_m_s) for v in data.views if v.phase == "survey"]
+    views = read_views(data.run.truth_views) or data.views
+    return [Shot(camera, v.enu_from_camera, v.position_enu_m, v.speed_m_s) for v in views if v.phase == "survey"]
 
 
 def read_truth(run: RunFolder) -> Reference:

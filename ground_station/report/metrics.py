@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ground_station.report.alignment import alignment
 from ground_station.report.energy import energy_numbers
 from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
@@ -28,6 +29,7 @@ def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
         "min_clearance_m": data.referee.get("min_clearance_m"),
         "min_separation_m": data.referee.get("min_separation_m"),
         "coverage": {key: coverage.get(key) for key in COVERAGE_KEYS},
+        "alignment": alignment(data),
         "c2c": c2c_numbers(compared),
         "c2m": c2m_numbers(compared),
         "parts": [] if compared is None else part_numbers(compared),

@@ -36,7 +36,8 @@ def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> s
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
     body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud),
                     exploration_part(data, data.referee.get("coverage") or {}), survey_part(data), thesis_part(data),
-                    _measurements(measured, metrics, thesis), _regions(data, cloud, measured, metrics),
+                    _alignment(metrics), _measurements(measured, metrics, thesis),
+                    _regions(data, cloud, measured, metrics),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
             f"</title><meta name=viewport content='width=device-width'><style>{CSS}</style>"
@@ -113,6 +114,14 @@ def _over_time(data: RunData, metrics: dict[str, Any]) -> str:
                       time_charts.separation(data)),
         chart_section("Energy predicted and used", "Summed over the plans that were flown to their end.", predicted,
                       tables.energy(metrics)))
+
+
+def _alignment(metrics: dict[str, Any]) -> str:
+    if metrics["alignment"] is None:
+        return ""
+    return section("Alignment", "Measured poses after bundle adjustment. A picture that was not aligned kept its "
+                   "measured pose. Errors are means over all pictures, against the true poses.",
+                   tables.alignment(metrics["alignment"]))
 
 
 def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Reported) -> str:

@@ -53,6 +53,23 @@ def confidence(metrics: dict[str, Any]) -> str:
     return table(["Depth maps", "kept", "median", "mean", "±2 cm"], rows)
 
 
+def alignment(found: dict[str, Any]) -> str:
+    """What bundle adjustment did to the measured poses, beside the truth, and which pictures it left."""
+    rows = [["pictures aligned", f"{found['registered']} of {found['pictures']}"],
+            ["groups that share points", ", ".join(map(str, found["groups"])) or "none"],
+            ["reprojection error", number(found["reprojection_px"], "{:.2f} px")],
+            ["moved by, mean (largest)", f"{millimetres(found['moved_mean_m'])} ({millimetres(found['moved_max_m'])})"],
+            ["turned by, mean (largest)", f"{found['turned_mean_deg']:.2f}° ({found['turned_max_deg']:.2f}°)"]]
+    before, after = found["error_measured"], found["error_aligned"]
+    if after["position_mean_m"] is not None:
+        rows += [["position error, measured → aligned",
+                  f"{millimetres(before['position_mean_m'])} → {millimetres(after['position_mean_m'])}"],
+                 ["attitude error, measured → aligned",
+                  f"{before['attitude_mean_deg']:.3f}° → {after['attitude_mean_deg']:.3f}°"]]
+    rows += [[f"view {view_id}", escape(why)] for view_id, why in found["kept"].items()]
+    return table(["Camera poses", "all pictures"], rows)
+
+
 def vehicles(data: RunData, metrics: dict[str, Any]) -> str:
     """Who flew what."""
     changes = data.flight.get("reassignments") or []

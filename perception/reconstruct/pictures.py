@@ -1,4 +1,4 @@
-"""A survey picture with its known pose, as reconstruction sees it."""
+"""A survey picture with its pose, as reconstruction sees it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from missions.frames import Array, yaw_elevation_from_forward
 
 @dataclass(frozen=True)
 class SurveyPicture:
-    """One picture: `camera` holds the intrinsics at the file's own resolution; the pose is exact."""
+    """One picture: `camera` holds the intrinsics at the file's own resolution."""
 
     view_id: int
     path: Path
@@ -31,7 +31,7 @@ class SurveyPicture:
 
     @property
     def pose(self) -> Pose:
-        """The same pose by its angles."""
+        """The same pose by its angles, without roll."""
         e, n, u = (float(c) for c in self.position_enu_m)
         return Pose((e, n, u), *yaw_elevation_from_forward(self.forward_enu))
 

@@ -69,17 +69,22 @@ def reconstruct(pictures: list[SurveyPicture], region: Region, settings: Setting
     again. `progress` is told the stage ("depth", "fuse"), how many pictures are done, and of how many.
     Raises UserError when there are fewer than three pictures or one cannot be read.
     """
-    if len(pictures) < 3:
-        raise UserError(f"views.csv: {len(pictures)} survey pictures, and a reconstruction needs at least 3; "
-                        "raise survey.max_views or look in flight.json why views were not flown.")
-    with _single_threaded_opencv():
+    require_enough(pictures)
+    with single_threaded_opencv():
         paths = _depth_maps(pictures, settings, depth_folder, progress)
         cloud = _fuse(pictures, paths, region, settings, progress)
     return without_islands(on_grid(cloud, settings.spacing_m))
 
 
+def require_enough(pictures: list[SurveyPicture]) -> None:
+    """Raises UserError when there are fewer than three."""
+    if len(pictures) < 3:
+        raise UserError(f"views.csv: {len(pictures)} survey pictures, and a reconstruction needs at least 3; "
+                        "raise survey.max_views or look in flight.json why views were not flown.")
+
+
 @contextmanager
-def _single_threaded_opencv() -> Iterator[None]:
+def single_threaded_opencv() -> Iterator[None]:
     """The pool already keeps the cores busy; OpenCV's own threads would only get in each other's way."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -93,11 +98,18 @@ def depth_key(pictures: list[SurveyPicture], settings: Settings) -> str:
     """Hash of everything that depth maps depend on."""
     digest = hashlib.sha256(f"{METHOD} {settings.depth_width_px} {settings.pairs_per_picture} {settings.distance_m} "
                             f"{settings.near_m} {settings.far_m}".encode())
+    digest.update(picture_key(pictures).encode())
+    return digest.hexdigest()[:12]
+
+
+def picture_key(pictures: list[SurveyPicture]) -> str:
+    """Hash of pictures, intrinsics and poses."""
+    digest = hashlib.sha256()
     for p in pictures:
         digest.update(f"{p.view_id} {p.path.stat().st_size if p.path.is_file() else 0}".encode())
         digest.update(msgspec.json.encode(p.camera))
         digest.update(np.ascontiguousarray(p.enu_from_camera).tobytes() + np.asarray(p.position_enu_m).tobytes())
-    return digest.hexdigest()[:12]
+    return digest.hexdigest()
 
 
 def _depth_maps(pictures: list[SurveyPicture], settings: Settings, folder: Path, progress: Progress) -> list[Path]:
