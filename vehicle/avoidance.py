@@ -49,9 +49,9 @@ class Knowledge(NamedTuple):
 class Avoidance:
     """One vehicle's idea of where it may go."""
 
-    def __init__(self, memory: SensorMemory, teammates: Teammates, fleet: FleetSpec, fence: tuple[Array, Array],
-                 seed: int) -> None:
-        self.memory, self.teammates, self._fleet, self._seed = memory, teammates, fleet, seed
+    def __init__(self, memory: SensorMemory, teammates: Teammates, fleet: FleetSpec,
+                 fence: tuple[Array, Array]) -> None:
+        self.memory, self.teammates, self._fleet = memory, teammates, fleet
         self._lower, self._upper = fence[0] + fleet.clearance_m, fence[1] - fleet.clearance_m
         self.replans = 0
 

@@ -73,7 +73,7 @@ def measured(path: Path, replans: int) -> list[Row]:
     for knowledge, prior in (("map", None), ("mesh", exact)):
         memory = SensorMemory(*fence, VOXEL_M, fleet.range_sensor_m, [], prior)
         memory.put_map(grid)
-        avoidance = Avoidance(memory, Teammates(1), fleet, fence, SEED)
+        avoidance = Avoidance(memory, Teammates(1), fleet, fence)
         _replan(avoidance, questions[0])
         rows.append(_row(path.stem, knowledge, [_replan(avoidance, ends) for ends in questions]))
     return rows

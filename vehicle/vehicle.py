@@ -75,7 +75,7 @@ class Vehicle:
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)
         self.memory = memory or SensorMemory.of(mission, site)
         self.teammates = Teammates(vehicle_id)
-        self.avoidance = Avoidance(self.memory, self.teammates, fleet, self.fence, mission.seed * 1000 + vehicle_id)
+        self.avoidance = Avoidance(self.memory, self.teammates, fleet, self.fence)
         self.pilot = Pilot(vehicle_id, self.simulator, self.avoidance, Limits.of_fleet(fleet))
         self.camera = CameraPayload(vehicle_id, mission.camera, storage)
         self.executor = Executor(self.pilot, self.battery, mission.battery, self.camera, pad, hover,

@@ -81,15 +81,14 @@ class LineVotes:
     def __init__(self, points_enu_m: Array, reach_m: float) -> None:
         """For points (n, 3); pictures from farther away than reach_m have no vote."""
         self._points, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
-        self._sums, self.pictures = np.zeros(len(points_enu_m), np.int32), np.zeros(len(points_enu_m), np.int32)
-        """(n,) pictures: how many have voted on each point."""
+        self._sums = np.zeros(len(points_enu_m), np.int32)
 
     def add(self, rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> None:
         """A picture (h, w, 3) votes."""
         strength = line_strength(rgb)
         levels = np.stack([cv2.dilate(strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
         _vote(self._points, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
-              camera.matrix, levels, self._reach_m, self._sums, self.pictures)
+              camera.matrix, levels, self._reach_m, self._sums)
 
     @property
     def sigmas(self) -> Array:
@@ -99,7 +98,7 @@ class LineVotes:
 
 @compiled
 def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, reach: float,
-          sums: Counts, pictures: Counts) -> None:
+          sums: Counts) -> None:
     """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far."""
     _, h, w = levels.shape
     for i in range(len(points)):
@@ -114,4 +113,3 @@ def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         row = int(np.floor(0.5 * (matrix[1, 1] * down / depth + matrix[1, 2])))
         if 2 <= column < w - 2 and 2 <= row < h - 2:
             sums[i] += levels[0 if distance < NEAR_M else 1, row, column] - int(UNLIKELY * UNIT)
-            pictures[i] += 1
