@@ -245,9 +245,13 @@ def test_views_near_each_other_are_preferred_at_little_cost(plan: SurveyPlan) ->
     grid = bridge()
     careless = plan_survey(grid, allowed_positions(grid), CAMERA, OBJECT_MIN, OBJECT_MAX, SurveyViewSpec(thrift=0.0))
 
+    def places(poses: list[Pose]) -> int:
+        return len({p.position_enu_m for p in poses})
+
     def hops_m(poses: list[Pose]) -> float:
         at = np.array([p.position_enu_m for p in poses])
         return float(cKDTree(at).query(at, k=2)[0][:, 1].sum())
 
     assert hops_m(plan.poses) < 0.9 * hops_m(careless.poses)
     assert plan.covered_share(3) > careless.covered_share(3) - 0.02
+    assert places(plan.poses) > 0.9 * places(careless.poses)

@@ -125,15 +125,16 @@ def begin(sight, tally):
 
 
 @nb.njit(cache=True)
-def choose(sight, want, tally, shows, places, turn_m, thrift, max_views, least):
+def choose(sight, want, tally, shows, places, near_m, thrift, max_views, least):
     """(m, 2) position and orientation of at most max_views views, each the one with the greatest gain per
-    (turn_m + way from the nearest chosen view) ** thrift, until none gains `least`. shows: (o, b) bins in each view."""
+    max(near_m, way from the nearest chosen view) ** thrift, until none gains `least`. shows: (o, b) bins in each view.
+    """
     chosen = np.zeros((max_views, 2), dtype=np.int64)
     away = np.full(len(tally.gains), np.inf)
     for n in range(max_views):
         best, p, o = 0.0, -1, -1
         for i in range(len(tally.gains)):
-            ease = 1.0 if n == 0 else (turn_m + away[i]) ** -thrift
+            ease = 1.0 if n == 0 else max(near_m, away[i]) ** -thrift
             for j in range(tally.gains.shape[1]):
                 if tally.gains[i, j] >= least and tally.gains[i, j] * ease > best:
                     best, p, o = tally.gains[i, j] * ease, i, j
