@@ -87,11 +87,11 @@ class SurveyPhase:
         news = survey.news([f.vehicle_id for f in flyers])
         if news:
             self._allocate(news, lambda: survey.redistribute(flyers, self._t_s))
-        for drone in self._fleet.drones.values():
-            self._orders(drone, survey)
-        self._record()
         if survey.over and self._map is not None:
             self._refine(self._map)
+        for drone in self._fleet.drones.values():
+            self._orders(drone, self.survey)
+        self._record()
 
     def _record(self) -> None:
         recorder = self._recorder

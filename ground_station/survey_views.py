@@ -31,14 +31,22 @@ CANDIDATE_STEP_M = 2.0
 
 def check_survey(mission: Mission) -> None:
     """Whether the mission's survey can be flown at all. Raises UserError."""
-    if mission.survey.enabled and mission.survey.refine and not mission.explore.enabled:
-        raise UserError("mission: survey.refine needs explore.enabled = true, for it completes the explored map; "
-                        "explore first or set survey.refine = 0.")
+    if mission.survey.enabled and mission.survey.refine:
+        _check_refining(mission)
     if not mission.survey.enabled or mission.explore.enabled or mission.survey.views == "file":
         return
     if mission.survey.views != "map" or mission.knowledge == "none":
         raise UserError("mission: survey.views = "
                         f'"{mission.survey.views}" needs explore.enabled = true; explore first or give a views file.')
+
+
+def _check_refining(mission: Mission) -> None:
+    if not mission.explore.enabled:
+        raise UserError("mission: survey.refine needs explore.enabled = true, for it completes the explored map; "
+                        "explore first or set survey.refine = 0.")
+    if mission.camera.position_sigma_m or mission.camera.attitude_sigma_deg:
+        raise UserError("mission: survey.refine takes depth from survey pictures at measured poses, which have to "
+                        "be exact; set camera.position_sigma_m and camera.attitude_sigma_deg to 0, or survey.refine.")
 
 
 def known_space(mission: Mission, site: SiteBrief, prior: Prior | None) -> VoxelGrid:

@@ -94,7 +94,7 @@ def test_the_mission_flies_from_take_off_to_landing(flown: tuple[RunFolder, list
     assert referee["collisions"] == 0
     assert set(record["phases"]) == {"explore", "survey", "return"}
     assert record["fleet"]["views_flown"] == len(record["outcomes"]) == 16
-    assert [a["why"] for a in record["allocations"]] == ["start", "refine"]
+    assert [a["why"] for a in record["allocations"]][:2] == ["start", "refine"]
     assert any(note.endswith("4 more views for what fewer than 3 pictures show") for note in record["notes"])
     assert referee["coverage"]["final"] >= 0.5 * referee["coverage"]["ceiling"]
 
