@@ -143,8 +143,8 @@ class CameraSpec(_Section, frozen=True, kw_only=True):
     noise_dn: NonNegative = 1.0
     """Standard deviation of simulated sensor noise, in 8-bit steps."""
     position_sigma_m: NonNegative = 0.0
-    """How exactly the position of a picture is measured: standard deviation per axis (RTK GNSS: about 0.02). Simulated
-    pictures carry poses that are off by it, and alignment trusts measured poses by it; 0 is exact."""
+    """How exactly the position of a survey picture is measured: standard deviation per axis (RTK GNSS: about 0.02).
+    Simulated pictures carry poses that are off by it, and alignment trusts measured poses by it; 0 is exact."""
     attitude_sigma_deg: NonNegative = 0.0
     """The same for yaw, elevation and roll of the camera (a stabilised gimbal: about 0.3)."""
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 import trimesh
@@ -173,6 +174,7 @@ def test_pictures_carry_measured_poses_and_the_truth_stays_behind() -> None:
     assert told == [measured(s, spec, seed=7) for s in shutters]
     assert told[0] != measured(shutters[0], spec, seed=8)
     assert all(measured(s, CameraSpec(), seed=7) == true for s in shutters)
+    assert measured(msgspec.structs.replace(shutters[0], phase="explore"), spec, seed=7) == true
     position = np.array([p.position_enu_m for p in told]) - true.position_enu_m
     assert position.std(axis=0) == pytest.approx([0.02] * 3, rel=0.06)
     assert position.mean(axis=0) == pytest.approx([0.0] * 3, abs=0.002)

@@ -29,7 +29,7 @@ from perception.reconstruct.pipeline import (
     single_threaded_opencv,
 )
 
-METHOD = 1
+METHOD = 2
 """Raised whenever the poses change for the same input, so that stored ones are not taken for new ones."""
 PARTNERS = 20
 FEW_MATCHES = 150

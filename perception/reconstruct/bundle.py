@@ -29,7 +29,9 @@ ARM_TARGET = ARM_M * np.ones(3)
 ARM_CENTRE_PX = 500.0
 LAST_ROUNDS_PX = (4.0, 2.0)
 """Observations farther off than this are dropped, after a first round that allows for the noise of the poses."""
-LOSS_PX = 1.0
+SEEN_SIGMA_PX = 0.5
+"""How exactly points are seen, a few wrong ones among them. COLMAP takes it for one pixel, so priors are widened."""
+LOSS_PX = 0.5
 ITERATIONS = 15
 TOLERANCE = 1e-5
 LEAST_POSITION_M = 1e-3
@@ -204,8 +206,8 @@ def _solve(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked
 def _priors(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked: list[int],
             accuracy: Accuracy) -> list[pycolmap.PosePrior]:
     """Where the picture and its arms were measured to be. A turn about any axis moves two of the three arms."""
-    own = max(accuracy.position_m, LEAST_POSITION_M)
-    arm = math.sqrt(2.0) * ARM_M * max(accuracy.attitude_rad, LEAST_ATTITUDE_RAD)
+    own = max(accuracy.position_m, LEAST_POSITION_M) / SEEN_SIGMA_PX
+    arm = math.sqrt(2.0) * ARM_M * max(accuracy.attitude_rad, LEAST_ATTITUDE_RAD) / SEEN_SIGMA_PX
     priors = []
     for i in linked:
         for k, offset in enumerate((np.zeros(3), *ARMS)):

@@ -19,8 +19,8 @@ MAX_RATIO = 0.8
 """The second nearest descriptor must be farther by this much (Lowe 2004)."""
 MAX_DISTANCE = 0.7 * 512.0
 MAX_EPIPOLAR_PX = 3.0
-MIN_MATCHES = 20
-"""Fewer agree by chance in a scene of repeated texture."""
+MIN_MATCHES = 30
+"""Fewer may agree on a wrong pose where texture repeats."""
 SEED = 1
 
 
