@@ -24,8 +24,8 @@ class SightSpec:
     farthest_m: float = 15.0
     incidence_deg: float = 70.0
     """From the axis direction that a patch faces. Normals smoothed over the map were measured in its place and lost: a
-    map of voxels rounds edges off, and pictures planned on its slopes see the two walls of an edge under 80 degrees and
-    more. 65 and 75 degrees are a little worse."""
+    map of voxels rounds edges off, and more of the pictures planned on it see the true walls at grazing angles. 65 and
+    75 degrees are a little worse."""
     tolerance_voxels: float = 2.0
     """How far before the patch the line of sight may end: measured surface is a voxel or two thick, unknown behind."""
 

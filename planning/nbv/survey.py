@@ -54,7 +54,7 @@ class SurveyViewSpec:
     patch_m: float = 0.9
     elevations_deg: tuple[float, ...] = (-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
     azimuths: int = 18
-    """15 by 20 degrees, a third of the picture: finer steps gain nothing more."""
+    """Steps of 15 by 20 degrees, a third of the picture."""
     thrift: float = THRIFT
     least_gain: float = 2.0
     """Planning ends when the next picture would add less than this (a patch's first sharp picture counts 1)."""
