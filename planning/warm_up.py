@@ -16,6 +16,7 @@ from planning.allocate.minmax import Effort, solve
 from planning.allocate.problem import Problem, Ways
 from planning.allocate.reassign import reassign
 from planning.deconflict import distance_to_polyline_m, first_approach, meeting
+from planning.nbv.coverage import surface_tally
 from planning.nbv.horizon import HorizonSpec, best_way, promises
 from planning.nbv.lattice import build_lattice
 from planning.nbv.legs_ahead import Asker, plan_views
@@ -108,6 +109,7 @@ def _plan_ahead(grid: VoxelGrid) -> None:
     orientations = Orientations.of(yaw, elevation, Camera.from_diagonal_fov(64, 48, 90.0))
     imagined = ImaginedMap.new(np.zeros(3), 1.0, occupied, (slice(None),) * 3)
     imagined.show(lattice.pose((0, 0, 0, 0, 0)), Camera.from_diagonal_fov(64, 48, 90.0), 9.0)
+    surface_tally(imagined, (slice(None),) * 3, lattice.positions_enu_m, 9.0)
     seen = sights(imagined, lattice.positions_enu_m, orientations, 9.0)
     left, passable, spec = seen.left_after(0, 0, seen.nothing_shown), np.ones(lattice.steps.shape), HorizonSpec(depth=2)
     promised = promises(seen, left, lattice.steps, passable, spec)

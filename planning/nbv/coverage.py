@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from missions.frames import Array
 from missions.sensors import fibonacci_directions
-from planning.nbv.sight_kernels import FACES, show
+from planning.nbv.sight_kernels import FACES, show_from
 from planning.nbv.sights import SURELY, ImaginedMap
 
 MISSING_WEIGHT = 1.0
@@ -63,10 +63,8 @@ def visible_faces(imagined: ImaginedMap, positions_enu_m: Array, range_m: float)
     voxels = voxels[imagined.occupancy[tuple(at.T)] < SURELY]
     if len(voxels) > MOST_POSITIONS:
         voxels = voxels[np.random.default_rng(0).permutation(len(voxels))[:MOST_POSITIONS]]
-    bits, directions = np.zeros_like(imagined.faced), fibonacci_directions(RAYS)
-    for start in voxels:
-        show(imagined.occupancy, bits, start, directions, range_m / imagined.voxel_m, SURELY)
-    return bits
+    shares = show_from(imagined.occupancy, voxels, fibonacci_directions(RAYS), range_m / imagined.voxel_m, SURELY)
+    return np.asarray(np.bitwise_or.reduce(shares, axis=0))
 
 
 def face_chances(occupancy: NDArray[np.float32]) -> list[NDArray[np.float32]]:

@@ -15,6 +15,8 @@ LEAST_ARRIVING = 0.03
 FACES = 6
 LEAST_SHARE = 0.05
 """A face that makes up less of a voxel's outline is not seen."""
+SHARES = 8
+"""Parts of the work of `show_from`."""
 
 
 @nb.njit(cache=True)
@@ -139,6 +141,17 @@ def show(occupancy, shown, start, directions, reach, least):
                 shown[voxel] |= np.uint8(bits)
                 through *= 1.0 - occupancy[voxel]
             voxel, t, walls = next_voxel(voxel, walls, spans, steps)
+
+
+@nb.njit(cache=True, parallel=True)
+def show_from(occupancy, starts, directions, reach, least):
+    """(SHARES, i, j, k) bits that `show` sets from each share of the starts."""
+    si, sj, sk = occupancy.shape
+    shown_from = np.zeros((SHARES, si, sj, sk), np.uint8)
+    for share in nb.prange(SHARES):
+        for p in range(share, len(starts), SHARES):
+            show(occupancy, shown_from[share], starts[p], directions, reach, least)
+    return shown_from
 
 
 @nb.njit(cache=True)
