@@ -32,6 +32,7 @@ COMMANDS = (
     Command("reconstruct", "ground_station.stages:main_reconstruct", "pictures of a run to cloud and mesh"),
     Command("evaluate", "ground_station.stages:main_evaluate", "measure a run, or any cloud, against the truth"),
     Command("report", "ground_station.stages:main_report", "write the report page of a run"),
+    Command("export", "ground_station.model_export:main", "cloud and cameras as LAS, COLMAP, Metashape, ODM"),
     Command("allocate", "ground_station.allocate.command:main", "share views from a file out among vehicles"),
     Command("macarons", "ground_station.macarons_command:main", "missions and views from and for MACARONS and Blender"),
     Command("train", "ground_station.train:main", "train MACARONS' networks, with progress, log and checkpoints"),

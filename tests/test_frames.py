@@ -5,6 +5,7 @@ import math
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from pyproj import Transformer
 
 from missions import frames
 from missions.camera import Camera, Pose
@@ -80,3 +81,15 @@ def test_the_optical_axis_lands_on_the_principal_point(position, yaw, elevation,
     seen = (pose.camera_from_enu @ [*ahead, 1.0])[:3]
     pixel = camera.matrix @ seen / seen[2]
     np.testing.assert_allclose(pixel[:2], [228.0, 128.0], atol=1e-6)
+
+
+@given(st.floats(-66, 66), st.floats(0.0, 200.0), st.floats(-math.pi, math.pi))
+def test_anchor_is_within_a_centimetre_of_a_true_enu_frame(lat, distance_m, bearing):
+    site = frames.Site(lat, 6.8861, 40.0)
+    point = np.array([distance_m * math.cos(bearing), distance_m * math.sin(bearing), 5.0])
+    geodetic = site.geodetic_from_enu(point)
+    to_enu = Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
+        f"+step +proj=topocentric +ellps=WGS84 +lon_0={site.lon_deg} +lat_0={site.lat_deg} +h_0={site.alt_m}")
+    assert np.linalg.norm(np.array(to_enu.transform(geodetic[1], geodetic[0], geodetic[2])) - point) < 0.01
+    np.testing.assert_array_equal(site.geodetic_rows_from_enu(np.stack([point, point])), [geodetic, geodetic])

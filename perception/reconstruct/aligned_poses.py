@@ -21,6 +21,7 @@ import numpy as np
 
 from missions.frames import Array, matrix_from_quaternion, quaternion_from_matrix
 from perception.reconstruct.bundle import Adjusted
+from perception.reconstruct.colmap_model import write_model
 from perception.reconstruct.pictures import SurveyPicture
 
 
@@ -85,7 +86,7 @@ def write_alignment(folder: Path, key: str, pictures: list[SurveyPicture], poses
         writer = csv.writer(f)
         writer.writerow(AlignedPose.__struct_fields__)
         writer.writerows(msgspec.structs.astuple(p) for p in poses)
-    _write_model(folder, [p.applied(q) for p, q in zip(poses, pictures, strict=True)], found)
+    write_model(folder, [p.applied(q) for p, q in zip(poses, pictures, strict=True)], found)
     document = {"key": key, **_numbers(poses, found, pictures)}
     (folder / "alignment.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
 
@@ -127,27 +128,3 @@ def _numbers(poses: list[AlignedPose], found: Adjusted, pictures: list[SurveyPic
         "moved_mean_m": float(np.mean(moved)), "moved_max_m": float(np.max(moved)),
         "turned_mean_deg": float(np.mean(turned)), "turned_max_deg": float(np.max(turned)),
     }
-
-
-def _write_model(folder: Path, pictures: list[SurveyPicture], found: Adjusted) -> None:
-    """COLMAP's text format: https://colmap.github.io/format.html. Pixel centres lie at integer + 0.5 there too."""
-    c = pictures[0].camera
-    (folder / "cameras.txt").write_text(
-        f"1 PINHOLE {c.width_px} {c.height_px} {c.fx_px!r} {c.fy_px!r} {c.cx_px!r} {c.cy_px!r}\n", encoding="ascii")
-    tracks: list[list[str]] = [[] for _ in found.points_enu_m]
-    with (folder / "images.txt").open("w", encoding="utf-8") as f:
-        for i, p in enumerate(pictures):
-            q = quaternion_from_matrix(p.enu_from_camera.T)
-            t = -p.enu_from_camera.T @ p.position_enu_m
-            mine = np.flatnonzero(found.picture_of == i)
-            for at, o in enumerate(mine):
-                tracks[found.point_of[o]].append(f"{i + 1} {at}")
-            f.write(" ".join([str(i + 1), *(f"{v:.9f}" for v in (*q, *t)), "1", p.path.name]) + "\n")
-            f.write(" ".join(f"{x:.3f} {y:.3f} {k + 1}" for (x, y), k in
-                             zip(found.seen_px[mine], found.point_of[mine], strict=True)) + "\n")
-    error = np.bincount(found.point_of, found.error_px(c), len(tracks)) / np.maximum(
-        np.bincount(found.point_of, minlength=len(tracks)), 1)
-    with (folder / "points3D.txt").open("w", encoding="ascii") as f:
-        for k, (point, track) in enumerate(zip(found.points_enu_m, tracks, strict=True)):
-            where = [f"{v:.6f}" for v in point]
-            f.write(" ".join([str(k + 1), *where, "128 128 128", f"{error[k]:.4f}", *track]) + "\n")
