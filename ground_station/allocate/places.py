@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from ground_station.views_file import read_views
 from missions.errors import UserError
+from missions.flight_plan import FILE_FRAMES, params_of_item
 from missions.frames import Array, Site
+from missions.qgc_plan import read_plan
 
-NAV_WAYPOINT = 16
-FRAME_GLOBAL, FRAME_RELATIVE = 0, 3
 POSE_COLUMNS = 5
 """Arrays of this width are trajectories as MACARONS writes them: x, y, z with y up, elevation, azimuth."""
 TABLE = ("view_id", "position_enu_m")
@@ -96,28 +94,20 @@ def _from_tsplib(path: Path) -> Places:
 
 def _from_plan(path: Path) -> Places:
     """Waypoints in metres East, North, up of the planned home. Ids count the file's waypoints from 1."""
-    mission = json.loads(path.read_text(encoding="utf-8"))["mission"]
-    lat, lon, home_alt = (float(x) for x in mission["plannedHomePosition"])
-    site = Site(lat, lon, 0.0)
+    plan = read_plan(path)
+    lat_deg, lon_deg, home_alt_m = params_of_item(plan.home)[4:]
+    site = Site(lat_deg, lon_deg, 0.0)
     positions = []
-    for item in _simple_items(mission["items"]):
-        if item["command"] != NAV_WAYPOINT:
+    for item in plan.mission:
+        if item.command != mav.MAV_CMD_NAV_WAYPOINT:
             continue
-        if item["frame"] not in (FRAME_GLOBAL, FRAME_RELATIVE):
-            raise UserError(f"{path}: a waypoint has frame {item['frame']}; use altitudes above home or the sea.")
-        lat_deg, lon_deg, alt_m = (float(x) for x in item["params"][4:7])
-        up_m = alt_m if item["frame"] == FRAME_RELATIVE else alt_m - home_alt
+        if item.frame not in (mav.MAV_FRAME_GLOBAL_INT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT):
+            raise UserError(f"{path}: a waypoint has frame {FILE_FRAMES[item.frame]}; use altitudes above home or the "
+                            "sea.")
+        lat_deg, lon_deg, alt_m = params_of_item(item)[4:]
+        up_m = alt_m if item.frame == mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT else alt_m - home_alt_m
         positions.append(site.enu_from_geodetic(lat_deg, lon_deg, up_m))
     return Places(list(range(1, len(positions) + 1)), np.array(positions).reshape(-1, 3))
-
-
-def _simple_items(items: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Single commands; those of surveys and scans stand inside these."""
-    for item in items:
-        if item["type"] == "SimpleItem":
-            yield item
-        else:
-            yield from _simple_items(item.get("TransectStyleComplexItem", item).get("Items", []))
 
 
 def _three_columns(rows: Array) -> Array:
