@@ -170,7 +170,8 @@ def test_aligned_poses_go_out_where_there_are_some(run: RunFolder, capsys: pytes
     assert_model_holds(run.root / "export" / "colmap", aligned)
     model = pycolmap.Reconstruction(run.root / "export" / "colmap")
     assert [p.track.length() for p in model.points3D.values()] == [3]
-    for picture, row in zip(aligned, metashape_rows(run.root / "export" / "metashape.csv"), strict=True):
+    rows = metashape_rows(run.root / "export" / "metashape.csv")
+    for picture, row in zip(aligned, rows, strict=True):
         assert_reference(picture, row[1:7])
 
 
@@ -204,6 +205,7 @@ def test_metashape_reference(run: RunFolder, capsys: pytest.CaptureFixture[str])
     for picture, row in zip(PICTURES, rows, strict=True):
         assert_reference(picture, row[1:7])
         assert len(row) == len(third.split(","))
+        assert [float(v) for v in row[7:]] == [0.01, 0.01, 0.01, 0.1, 0.1, 0.1]
 
 
 def test_geo_txt(run: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,8 +3,7 @@
 poses.csv         one row per picture: `AlignedPose`
 alignment.json    `Alignment.numbers`, and the key of what it was made from
 cameras.txt, images.txt, points3D.txt
-                  the same poses and the points as a COLMAP text model, which Metashape, RealityCapture and many others
-                  read; world coordinates are ENU metres
+                  the same poses and the points as a COLMAP text model; world coordinates are ENU metres
 """
 
 from __future__ import annotations

@@ -24,7 +24,8 @@ CAMERA_FROM_BODY = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 LEVEL_LIMIT = 1e-6
 """Within this of pitch 90 yaw and roll turn about one axis; roll is 0 there. views.csv itself is exact to 1e-9."""
 LEAST_POSITION_M = 0.01
-"""Nobody is told of a better accuracy: so well the site's anchor agrees with a true ENU frame over a usual site."""
+LEAST_ATTITUDE_DEG = 0.1
+"""No better accuracies are told: the site's anchor agrees with a true ENU frame so well, and 0 would mean unknown."""
 HEIGHTS = "heights: metres above the WGS 84 ellipsoid"
 
 
@@ -44,7 +45,7 @@ def yaw_pitch_roll_deg(enu_from_camera: Array) -> tuple[float, float, float]:
 def write_metashape(pictures: list[SurveyPicture], site: Site, accuracy: Accuracy, path: Path) -> None:
     """A CSV for Metashape's File > Import > Import Reference, in the layout of its own export: comments, then a row per
     picture with its file's name, and how exactly position (m) and attitude (degrees) were measured."""
-    metres, degrees = _position_accuracy_m(accuracy), math.degrees(accuracy.attitude_rad)
+    metres, degrees = _position_accuracy_m(accuracy), max(math.degrees(accuracy.attitude_rad), LEAST_ATTITUDE_DEG)
     exactly = f"{metres:g},{metres:g},{metres:g},{degrees:g},{degrees:g},{degrees:g}"
     names = "#Label,Longitude,Latitude,Altitude,Yaw,Pitch,Roll," + ",".join(
         f"{what} accuracy" for what in ("Longitude", "Latitude", "Altitude", "Yaw", "Pitch", "Roll"))

@@ -1,4 +1,4 @@
-"""Poses and points as a COLMAP text model, which Metashape, RealityCapture and many others read.
+"""Poses and points as a COLMAP text model.
 
 Format: https://colmap.github.io/format.html. World coordinates are ENU metres; pixel centres lie at integer + 0.5,
 there as here. Poses are written to the last digit of a double.
