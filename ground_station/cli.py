@@ -21,9 +21,15 @@ class Command:
     target: str
     purpose: str
 
+    @property
+    def words(self) -> list[str]:
+        """The name as it is typed."""
+        return self.name.split()
+
 
 COMMANDS = (
     Command("fly", "ground_station.launcher:main", "fly a mission on this machine: all processes, model, report"),
+    Command("missions export", "ground_station.export_command:main", "what a run flew, as .plan, waypoints or KML"),
     Command("missions", "missions.commands:main", "list and explain the mission files"),
     Command("scenes", "sim_bridge.scenes.commands:main", "list, check and export true scenes"),
     Command("ground-station", "ground_station.__main__:main", "the ground station process alone"),
@@ -79,13 +85,14 @@ def _dispatch(program: str, commands: Sequence[Command], arguments: list[str]) -
     if not arguments or arguments[0] in ("-h", "--help"):
         (sys.stdout if arguments else sys.stderr).write(usage(program, commands))
         return 0 if arguments else 2
-    command = next((c for c in commands if c.name == arguments[0]), None)
+    command = next((c for c in commands if arguments[:len(c.words)] == c.words), None)
     if command is None:
         names = ", ".join(c.name for c in commands)
         sys.stderr.write(f"{program}: unknown command {arguments[0]}; use one of: {names}.\n")
         return 2
     module, function = command.target.split(":")
-    return run_process(lambda: int(getattr(importlib.import_module(module), function)(arguments[1:])))
+    rest = arguments[len(command.words):]
+    return run_process(lambda: int(getattr(importlib.import_module(module), function)(rest)))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""`swarmscan missions`: list the mission files, explain one, or explain every field."""
+"""`swarmscan missions`: list the mission files, explain one, or explain every field. `swarmscan missions export RUN`
+writes what a run flew for ground stations."""
 
 from __future__ import annotations
 

@@ -102,6 +102,11 @@ class RunFolder:
         return self.root / "thesis_waypoints.npz"
 
     @property
+    def plans(self) -> Path:
+        """What the vehicles flew, as files for ground stations; only there after `swarmscan missions export`."""
+        return self._dir("plans")
+
+    @property
     def alignment(self) -> Path:
         """Poses after bundle adjustment and what they rest on; the files are those of
         `perception.reconstruct.aligned_poses`."""
