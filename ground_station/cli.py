@@ -29,7 +29,7 @@ class Command:
 
 COMMANDS = (
     Command("fly", "ground_station.launcher:main", "fly a mission on this machine: all processes, model, report"),
-    Command("missions export", "ground_station.export_command:main", "what a run flew, as .plan, waypoints or KML"),
+    Command("missions export", "ground_station.missions_export:main", "what a run flew, as .plan, waypoints or KML"),
     Command("missions", "missions.commands:main", "list and explain the mission files"),
     Command("scenes", "sim_bridge.scenes.commands:main", "list, check and export true scenes"),
     Command("ground-station", "ground_station.__main__:main", "the ground station process alone"),
