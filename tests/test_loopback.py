@@ -196,7 +196,7 @@ def test_a_vehicle_that_runs_low_hands_its_views_over_and_keeps_their_origin(tmp
     """As in the thesis: Algorithm 1, the threshold, the remaining views to the other vehicle."""
     run, complaints = fly(tmp_path, [
         'survey.method="thesis"', "survey.stop_at_views=true", 'battery.model="distance"', "battery.percent_per_m=0.25",
-        "battery.start_percent=[34.0, 100.0]", "explore.max_views=6", "survey.max_views=24"])
+        "battery.start_percent=[30.0, 100.0]", "explore.max_views=6", "survey.max_views=24"])
     assert complaints == []
     record, referee = flight_of(run), json.loads(run.referee.read_text())
     assert referee["collisions"] == 0
