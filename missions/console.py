@@ -18,4 +18,5 @@ def print_result(document: Any, shown: RenderableType, as_json: bool) -> None:
     if as_json:
         sys.stdout.write(json.dumps(document, indent=2, default=asdict) + "\n")
     else:
-        Console(width=None if sys.stdout.isatty() else PIPED_WIDTH).print(shown)
+        # emoji off: rich would draw a church for the scene family:church:1
+        Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, emoji=False).print(shown)
