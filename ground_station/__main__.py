@@ -18,7 +18,6 @@ from ground_station.survey_views import check_survey
 from missions import topics
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import GROUND, SimClock
-from missions.frames import Site
 from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
 from missions.process import process_parser, run_process, uninterrupted
@@ -51,7 +50,7 @@ def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
         bus.subscribe(topic)
     clock = SimClock(bus, mission.mission_hash)
     site = clock.join()
-    anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+    anchor = mission.site.anchor
     mapped = ("explore", "survey") if mission.survey.refine else ("explore",)
     ingest, recorder = Ingest(run, anchor, mission.clock.epoch_utc, mapped), Recorder(run, mission, site)
     fleet = Fleet(mission, site, bus, ingest, recorder)

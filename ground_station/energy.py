@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ground_station.prediction import predicted_flight
-from missions.frames import Array, Site
+from missions.frames import Array
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
@@ -30,7 +30,7 @@ class EnergyBudget:
         self._energy, self._limits = energy_of(mission), Limits.of_fleet(mission.fleet)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
         self._tick_s = mission.clock.tick_s
-        self._anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+        self._anchor = mission.site.anchor
 
     def usable_percent(self, vehicle_id: int, level_percent: float, exploring: bool = False) -> float:
         """What a vehicle at this level may spend until it is home again: above the threshold, and exploring only its

@@ -17,7 +17,7 @@ from ground_station.recorder import Recorder
 from missions import topics
 from missions.bus import Bus, Delivery
 from missions.clock import SECOND_NS, Turn, vehicle_name
-from missions.frames import Array, Site
+from missions.frames import Array
 from missions.mavlink import Route, Waypoint
 from missions.messages import BatterySwap, LegReport, MavlinkFrames, SiteBrief, VehicleState
 from missions.mission import Mission
@@ -102,7 +102,7 @@ class Fleet:
     def __init__(self, mission: Mission, site: SiteBrief, bus: Bus, ingest: Ingest, recorder: Recorder) -> None:
         self._mission, self._bus, self._ingest, self._recorder = mission, bus, ingest, recorder
         self._latency_ns = round(mission.clock.link_latency_s * SECOND_NS)
-        anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+        anchor = mission.site.anchor
         self._origin_alt_m = mission.site.origin_alt_m
         hovers = hover_points(mission, site)
         self.drones = {k: Drone(k, VehicleLink(k, anchor), np.array(hovers[k - 1]), swaps_left=mission.battery.swaps)

@@ -51,8 +51,7 @@ def flown_plans(data: RunData, phase: str) -> list[FlownPlan]:
     if not data.tracks or not data.views or "site" not in data.flight:
         raise UserError(f"{data.run.root}: trajectories.npz, views.csv and flight.json are needed to know what was "
                         "flown; give the folder of a run that has flown.")
-    spec = data.mission.site
-    anchor = Site(spec.origin_lat_deg, spec.origin_lon_deg, spec.origin_alt_m)
+    anchor = data.mission.site.anchor
     brief = msgspec.convert(data.flight["site"], SiteBrief)
     pads, fence = takeoff_points(data.mission, brief), _fence(geofence(data.mission, brief), anchor)
     out = []

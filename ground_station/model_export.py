@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,8 +39,7 @@ class Export:
     @cached_property
     def site(self) -> Site:
         """The run's anchor."""
-        spec = self.data.mission.site
-        return Site(spec.origin_lat_deg, spec.origin_lon_deg, spec.origin_alt_m)
+        return self.data.mission.site.anchor
 
     @cached_property
     def projection(self) -> Projection:
@@ -51,8 +49,7 @@ class Export:
     @property
     def accuracy(self) -> Accuracy:
         """Of the measured poses."""
-        camera = self.data.mission.camera
-        return Accuracy(camera.position_sigma_m, math.radians(camera.attitude_sigma_deg))
+        return Accuracy.of(self.data.mission.camera)
 
     @cached_property
     def cloud(self) -> Cloud:

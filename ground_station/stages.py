@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-import math
 import shutil
 import sys
 import time
@@ -69,7 +68,7 @@ def reconstruct_run(run: RunFolder, keep_depth: bool = False,
 def _aligned(data: RunData, tell: Tell) -> list[SurveyPicture]:
     """The survey's pictures, with aligned poses where the mission asks for them and poses are not exact."""
     pictures, mission = data.survey_pictures(), data.mission
-    accuracy = Accuracy(mission.camera.position_sigma_m, math.radians(mission.camera.attitude_sigma_deg))
+    accuracy = Accuracy.of(mission.camera)
     if accuracy.exact or not mission.reconstruct.align:
         shutil.rmtree(data.run.alignment, ignore_errors=True)
         return pictures

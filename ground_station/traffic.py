@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ground_station.prediction import predicted_flight
-from missions.frames import Array, Site
+from missions.frames import Array
 from missions.mavlink import Waypoint
 from missions.messages import VehicleState
 from missions.mission import Mission
@@ -38,7 +38,7 @@ class Traffic:
 
     def __init__(self, mission: Mission) -> None:
         self._limits = Limits.of_fleet(mission.fleet)
-        self._anchor = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+        self._anchor = mission.site.anchor
         self._apart_m = mission.fleet.separation_m + SPARE_M
         self._plans: dict[int, tuple[float, Array]] = {}
 

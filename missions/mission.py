@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from missions.camera import Camera
+from missions.frames import Site
 
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
@@ -53,6 +54,11 @@ class SiteSpec(_Section, frozen=True, kw_only=True):
     """Lowest height above ground at which a picture may be taken."""
     geofence_margin_m: Positive = 12.0
     """The geofence reaches this far beyond the camera bounds (take-off points lie inside it)."""
+
+    @property
+    def anchor(self) -> Site:
+        """The ENU frame's place on Earth."""
+        return Site(self.origin_lat_deg, self.origin_lon_deg, self.origin_alt_m)
 
 
 class FleetSpec(_Section, frozen=True, kw_only=True):

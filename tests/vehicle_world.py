@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mav
 from missions import topics
 from missions.bus import Delivery
 from missions.clock import BRIDGE, GROUND, vehicle_name
-from missions.frames import Array, Site
+from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, VoxelGrid
 from missions.mavlink import (
     AUTOPILOT_COMPONENT,
@@ -99,7 +99,7 @@ class World:
         self.inbox: dict[int, list[Delivery]] = {k: [] for k in self.vehicles}
         self.endpoint = Endpoint(GROUND_SYSTEM, GROUND_COMPONENT)
         self.plans: dict[int, list[Any]] = {}
-        self.site = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+        self.site = mission.site.anchor
         self.states: dict[int, list[VehicleState]] = {k: [] for k in self.vehicles}
         self.verdicts: list[PlanVerdict] = []
         self.reports: list[LegReport] = []

@@ -15,7 +15,6 @@ from missions import topics
 from missions.bus import Delivery
 from missions.clock import GROUND
 from missions.errors import ProtocolError
-from missions.frames import Site
 from missions.grid import VoxelGrid
 from missions.mavlink import Item, plan_sha256, route_from_items
 from missions.messages import (
@@ -69,7 +68,7 @@ class Vehicle:
         pad = np.array(takeoff_points(mission, site)[n])
         hover = np.array(hover_points(mission, site)[n])
         self.fence = geofence(mission, site)
-        self.site = Site(mission.site.origin_lat_deg, mission.site.origin_lon_deg, mission.site.origin_alt_m)
+        self.site = mission.site.anchor
         battery = mission.battery
         self.battery = Battery(battery.start_of(vehicle_id), energy_of(mission))
         self.simulator = KinematicSimulator(pad, math.pi / 2.0)

@@ -100,13 +100,7 @@ def task_of_run(data: RunData) -> Task:
     rows = [v for v in data.views if v.phase == "survey"]
     if not rows or not data.run.map.is_file():
         raise UserError(f"{data.run.root}: no survey pictures in views.csv, or map.npz is missing; fly a survey first.")
-    with np.load(data.run.map) as file:
-        grid = VoxelGrid(file["origin_enu_m"], float(file["voxel_m"]), file["state"])
-    poses = []
-    for v in rows:
-        forward = v.enu_from_camera[:, 2]
-        poses.append(Pose((v.east_m, v.north_m, v.up_m), float(np.arctan2(forward[1], forward[0])),
-                          float(np.arcsin(np.clip(forward[2], -1.0, 1.0)))))
+    grid, poses = data.grid(), [v.pose for v in rows]
     fleet = data.mission.fleet
     free = VoxelField.from_grid(grid).clearance_m(np.array([p.position_enu_m for p in poses])) >= fleet.clearance_m
     poses = [p for p, clear in zip(poses, free, strict=True) if clear]

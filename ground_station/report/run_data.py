@@ -12,8 +12,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from missions.camera import Pose
 from missions.errors import UserError
-from missions.frames import Array, matrix_from_quaternion
+from missions.frames import Array, matrix_from_quaternion, yaw_elevation_from_forward
+from missions.grid import VoxelGrid
 from missions.mission import Mission
 from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
@@ -53,6 +55,11 @@ class ViewRow(msgspec.Struct, frozen=True):
         """(3, 3) rotation."""
         return matrix_from_quaternion(np.array([self.qw, self.qx, self.qy, self.qz]))
 
+    @property
+    def pose(self) -> Pose:
+        """The same, without roll."""
+        return Pose((self.east_m, self.north_m, self.up_m), *yaw_elevation_from_forward(self.enu_from_camera[:, 2]))
+
 
 @dataclass(frozen=True)
 class Track:
@@ -91,6 +98,11 @@ class RunData:
         told = self.flight.get("site") or self.referee.get("site") or {}
         ground = self.mission.site.ground_up_m
         return ground if ground is not None else told.get("ground_up_m")
+
+    def grid(self) -> VoxelGrid:
+        """The explored map. Raises FileNotFoundError when the run has none."""
+        with np.load(self.run.map) as stored:
+            return VoxelGrid(stored["origin_enu_m"], float(stored["voxel_m"]), stored["state"])
 
     def survey_pictures(self) -> list[SurveyPicture]:
         """The survey's pictures in order of view id."""

@@ -8,13 +8,10 @@ import msgspec
 import numpy as np
 
 from ground_station.report.renderings import SIDES, WIDTH_PX
-from ground_station.report.run_data import RunData, ViewRow
+from ground_station.report.run_data import RunData
 from ground_station.report.sections import row, section
 from ground_station.report.splat import Pixels, splat
 from ground_station.report.tiles import percent
-from missions.camera import Pose
-from missions.frames import yaw_elevation_from_forward
-from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.pads import surface_box
 from planning.nbv.survey import SurveyPlan, SurveyViewSpec, plan_survey
@@ -42,11 +39,9 @@ def shown(data: RunData) -> SurveyPlan | None:
     views = [v for v in data.views if v.phase == "survey"]
     if not views or not data.run.map.is_file() or "site" not in data.flight:
         return None
-    with np.load(data.run.map) as stored:
-        grid = VoxelGrid(stored["origin_enu_m"], float(stored["voxel_m"]), stored["state"])
     box = surface_box(data.mission, msgspec.convert(data.flight["site"], SiteBrief))
-    found = plan_survey(grid, np.zeros((0, 3)), data.mission.camera.survey_camera(), *box,
-                        SurveyViewSpec.of(data.mission.survey), [_pose(v) for v in views])
+    found = plan_survey(data.grid(), np.zeros((0, 3)), data.mission.camera.survey_camera(), *box,
+                        SurveyViewSpec.of(data.mission.survey), [v.pose for v in views])
     return found if len(found.patches) else None
 
 
@@ -57,8 +52,3 @@ def by_pictures(found: SurveyPlan) -> list[tuple[str, Pixels]]:
     size_m = SurveyViewSpec().patch_m
     return [(s.name, splat(points, colours, math.radians(s.yaw_deg), math.radians(s.elevation_deg), WIDTH_PX, size_m))
             for s in SIDES]
-
-
-def _pose(view: ViewRow) -> Pose:
-    x, y, z = (float(c) for c in view.position_enu_m)
-    return Pose((x, y, z), *yaw_elevation_from_forward(view.enu_from_camera[:, 2]))

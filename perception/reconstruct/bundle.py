@@ -15,6 +15,7 @@ import pycolmap
 
 from missions.camera import Camera
 from missions.frames import Array
+from missions.mission import CameraSpec
 from perception.reconstruct.features import Features
 from perception.reconstruct.matching import SEED, Matches, colmap_camera
 from perception.reconstruct.pictures import SurveyPicture
@@ -44,6 +45,11 @@ class Accuracy:
 
     position_m: float
     attitude_rad: float
+
+    @classmethod
+    def of(cls, camera: CameraSpec) -> Accuracy:
+        """What a mission file says of its survey's poses."""
+        return cls(camera.position_sigma_m, math.radians(camera.attitude_sigma_deg))
 
     @property
     def exact(self) -> bool:
