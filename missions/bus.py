@@ -14,15 +14,16 @@ import threading
 import time
 import uuid
 from collections import defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 import zenoh
 
 from missions.errors import LinkError, ProtocolError
+from missions.inbox import Envelope, Inbox, Sent
 from missions.topics import ROOT, M, Topic
 
 log = logging.getLogger(__name__)
@@ -39,13 +40,6 @@ MALFORMED = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Everything that decoding hostile bytes can raise."""
 
 
-class _Envelope(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    sender: str
-    boot: str
-    t_ns: int
-    body: msgspec.Raw
-
-
 @dataclass(frozen=True)
 class Delivery:
     """A decoded message: its topic, the id in its key, who sent it, and the simulated time at which it was sent."""
@@ -55,26 +49,6 @@ class Delivery:
     sender: str
     t_ns: int
     message: Any
-
-
-class _Inbox:
-    """Raw messages of one concrete key, of the one sender that the key belongs to."""
-
-    def __init__(self) -> None:
-        self.boot = ""
-        self.received = 0
-        self.delivered = 0
-        self.expected = 0
-        self.queue: deque[_Envelope] = deque()
-
-    def put(self, envelope: _Envelope) -> bool:
-        """False for a message that comes from somebody else than the first sender on this key."""
-        self.boot = self.boot or envelope.boot
-        if envelope.boot != self.boot:
-            return False
-        self.received += 1
-        self.queue.append(envelope)
-        return True
 
 
 class Bus:
@@ -87,10 +61,12 @@ class Bus:
         self.rejected = 0
         self.published: dict[str, int] = {}
         self._changed: set[str] = set()
+        self._recent: tuple[list[Sent], list[Sent]] = ([], [])
+        """Lock-step messages of the turn before, and of this one."""
         self._patterns: list[tuple[re.Pattern[str], Topic[Any]]] = []
         self._topic_of: dict[str, tuple[Topic[Any], str] | None] = {}
-        self._inboxes: dict[str, _Inbox] = defaultdict(_Inbox)
-        self._free: deque[tuple[str, _Envelope]] = deque()
+        self._inboxes: dict[str, Inbox] = defaultdict(Inbox)
+        self._free: deque[tuple[str, Envelope]] = deque()
         self._alive: set[str] = set()
         self._condition = threading.Condition()
         self._publishers: dict[str, Any] = {}
@@ -105,7 +81,7 @@ class Bus:
         self._held.append(self._session.liveliness().declare_subscriber(
             prefix + "*", lambda s: self._on_alive(str(s.key_expr)[len(prefix):], s.kind), history=True))
 
-    def __enter__(self) -> Bus:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
@@ -138,15 +114,34 @@ class Bus:
     def publish(self, topic: Topic[M], message: M, who: int | str = "") -> None:
         """Send a message, stamped with the bus's simulated time `t_ns`."""
         key = topic.key(self.fleet, who)
+        if topic.plain_json:
+            self._put(key, msgspec.json.encode(message), zenoh.CongestionControl.DROP)
+            return
+        body, number = msgspec.Raw(msgspec.msgpack.encode(message)), 0
+        if topic.lockstep:
+            number = self.published[key] = self.published.get(key, 0) + 1
+            self._changed.add(key)
+        payload = msgspec.msgpack.encode(Envelope(self.name, self.boot, number, self.t_ns, body))
+        if topic.lockstep:
+            self._recent[-1].append(Sent(key, payload))
+        self._put(key, payload)
+
+    def turn_page(self) -> None:
+        """A turn begins: everybody has what was sent before the one that has just ended."""
+        self._recent = (self._recent[-1], [])
+
+    def publish_again(self) -> None:
+        """Send the messages of this turn and of the one before once more, with the numbers that they had: the router
+        may have ended with them. Who has them already passes them over."""
+        for sent in (*self._recent[0], *self._recent[1]):
+            self._put(sent.key, sent.payload)
+
+    def _put(self, key: str, payload: bytes, control: Any = zenoh.CongestionControl.BLOCK) -> None:
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._session.declare_publisher(
-                key, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
-        if topic.lockstep:
-            self.published[key] = self.published.get(key, 0) + 1
-            self._changed.add(key)
-        body = msgspec.Raw(msgspec.msgpack.encode(message))
-        publisher.put(msgspec.msgpack.encode(_Envelope(self.name, self.boot, self.t_ns, body)))
+                key, congestion_control=control, express=True)
+        publisher.put(payload)
 
     @property
     def sent(self) -> int:
@@ -158,30 +153,51 @@ class Bus:
         changed, self._changed = self._changed, set()
         return {key: self.published[key] for key in sorted(changed)}
 
-    def collect(self, counts: dict[str, int]) -> list[Delivery]:
+    def collect(self, counts: dict[str, int], broken: Callable[[], bool] = lambda: False,
+                again: Collection[str] | None = None) -> list[Delivery]:
         """The lock-step messages up to these totals, in an order that depends on keys alone.
 
-        Waits for what is still under way. A message that does not come, because its sender died or the machine slept
-        until the link broke, costs DELIVERY_TIMEOUT_S once and is then counted as lost.
+        Waits for what is still under way: what was counted has reached the router, also when its sender has died
+        since. again: the router has ended with what it held, and these alone send it once more; what others have said
+        and is not here is lost. Any other message that does not come, because the machine slept until the link broke,
+        costs DELIVERY_TIMEOUT_S once and is then counted as lost. Raises LinkError, nothing taken, as soon as `broken`
+        (called with the lock held) says that it is no use to wait.
         """
         with self._condition:
             for key, total in counts.items():
                 if self._topic(key) is not None:
                     self._inboxes[key].expected = total
             due = sorted(k for k, box in self._inboxes.items() if box.expected > box.delivered)
-            ready = self._condition.wait_for(
-                lambda: all(self._inboxes[k].received >= self._inboxes[k].expected for k in due), DELIVERY_TIMEOUT_S)
-            if not ready:
-                log.warning("%s: messages lost: %s", self.name,
-                            [k for k in due if self._inboxes[k].received < self._inboxes[k].expected])
-            raw: list[tuple[str, _Envelope]] = []
-            for key in due:
-                box = self._inboxes[key]
-                n = min(len(box.queue), box.expected - box.delivered)
-                box.received = max(box.received, box.expected)
-                raw.extend((key, box.queue.popleft()) for _ in range(n))
-                box.delivered = box.expected
+
+            def lost(box: Inbox) -> bool:
+                return again is not None and box.sender != "" and box.sender not in again
+
+            def here() -> bool:
+                return all(self._inboxes[k].complete or lost(self._inboxes[k]) for k in due)
+
+            self._condition.wait_for(lambda: here() or broken(), DELIVERY_TIMEOUT_S)
+            if not here() and broken():
+                raise LinkError(f"{self.name}: the router went away with messages that it held.")
+            missing = [k for k in due if not self._inboxes[k].complete]
+            if missing:
+                log.warning("%s: messages lost: %s", self.name, missing)
+            raw = [(key, envelope) for key in due for envelope in self._inboxes[key].take()]
         return self._decode(raw)
+
+    def skip(self, counts: dict[str, int]) -> None:
+        """The messages up to these totals were for others: who takes part from here on does not wait for them."""
+        with self._condition:
+            for key in counts:
+                if self._topic(key) is not None:
+                    self._inboxes[key].expected = counts[key]
+                    self._inboxes[key].take()
+
+    def renew(self, name: str, boot: str) -> None:
+        """This process has started anew: forget what its predecessor sent and nobody counted."""
+        with self._condition:
+            for box in self._inboxes.values():
+                if box.sender == name and box.boot != boot:
+                    box.renew(boot)
 
     def poll(self, until: Callable[[], bool] | None = None, timeout_s: float | None = 0.0) -> list[Delivery]:
         """Messages of topics outside the lock-step, waiting for at least one (or for `until`, which is called with
@@ -216,7 +232,7 @@ class Bus:
                 missing = ", ".join(sorted(names - self._alive))
                 raise LinkError(f"{self.name}: not on the bus after {timeout_s:.0f} s: {missing}; start them too.")
 
-    def _decode(self, raw: list[tuple[str, _Envelope]]) -> list[Delivery]:
+    def _decode(self, raw: list[tuple[str, Envelope]]) -> list[Delivery]:
         out = []
         for key, envelope in raw:
             found = self._topic(key)
@@ -224,7 +240,8 @@ class Bus:
                 continue
             topic, who = found
             try:
-                message = msgspec.msgpack.decode(envelope.body, type=topic.type)
+                decode = msgspec.json.decode if topic.plain_json else msgspec.msgpack.decode
+                message = decode(envelope.body, type=topic.type)
             except MALFORMED as e:
                 self._reject(key, e)
                 continue
@@ -243,15 +260,18 @@ class Bus:
 
     def _on_sample(self, sample: Any) -> None:
         key = str(sample.key_expr)
+        with self._condition:
+            found = self._topic(key)
+        if found is None:
+            return
+        payload = bytes(sample.payload)
         try:
-            envelope = msgspec.msgpack.decode(bytes(sample.payload), type=_Envelope)
+            envelope = (Envelope("", "", 0, 0, msgspec.Raw(payload)) if found[0].plain_json else
+                        msgspec.msgpack.decode(payload, type=Envelope))
         except MALFORMED as e:
             self._reject(key, e)
             return
         with self._condition:
-            found = self._topic(key)
-            if found is None:
-                return
             if not found[0].lockstep:
                 self._free.append((key, envelope))
             elif not self._inboxes[key].put(envelope):

@@ -12,10 +12,8 @@ import sys
 from typing import Any
 
 import msgspec
-from rich.table import Table
 
-from missions import mission as spec
-from missions.console import print_result
+from missions.console import print_rows
 from missions.mission import Mission
 from missions.mission_file import MISSIONS_FOLDER, find_mission, load_mission
 
@@ -55,10 +53,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.write(json.dumps(msgspec.to_builtins(mission), indent=2) + "\n")
         return 0
     rows: list[dict[str, Any]] = list(fields()) if options.fields else listing()
-    table = Table(*rows[0].keys(), show_lines=options.fields)
-    for row in rows:
-        table.add_row(*(str(v) for v in row.values()))
-    print_result(rows, table, options.json)
+    print_rows(rows, options.json, ruled=options.fields)
     return 0
 
 
@@ -69,10 +64,10 @@ def _default(field: msgspec.structs.FieldInfo) -> str:
 
 
 def _explanations(owner: type) -> dict[str, str]:
-    tree = ast.parse(inspect.getsource(spec))
-    body = next(n.body for n in tree.body if isinstance(n, ast.ClassDef) and n.name == owner.__name__)
+    (shape,) = ast.parse(inspect.getsource(owner)).body
+    assert isinstance(shape, ast.ClassDef)
     out = {}
-    for line, after in itertools.pairwise(body):
+    for line, after in itertools.pairwise(shape.body):
         if isinstance(line, ast.AnnAssign) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
             out[ast.unparse(line.target)] = " ".join(str(after.value.value).split())
     return out

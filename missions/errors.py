@@ -3,7 +3,8 @@
 SwarmscanError
 ├── UserError       what was typed or given is wrong; exit code 2
 ├── ProtocolError   a peer sent what the contract forbids; counted and refused, never obeyed
-└── LinkError       a peer or the bus cannot be reached
+├── LinkError       a peer or the bus cannot be reached
+└── DiskError       a disk does not take what must be kept
 """
 
 from __future__ import annotations
@@ -23,3 +24,7 @@ class ProtocolError(SwarmscanError):
 
 class LinkError(SwarmscanError):
     """No session, no peer or no answer within the time allowed."""
+
+
+class DiskError(SwarmscanError):
+    """A disk takes no more. The message names what is not on it, and why."""

@@ -29,6 +29,8 @@ UNSET = 2**31 - 1
 MAX_ITEMS = 65535
 MAX_FILE_BYTES = 64 * 2**20
 PARAMS = 7
+FARTHEST_M, EARTH_RADIUS_M = 100_000.0, 6_371_000.0
+"""Nothing that a camera drone does is farther from its home."""
 
 
 class FlightPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,6 +80,11 @@ def params_of_item(item: Item) -> list[float]:
     return [*item.params, *(math.nan if v == UNSET else v / scale for v in (item.x, item.y)), item.z]
 
 
+def with_wire_frames(items: list[Item]) -> list[Item]:
+    """The same items, where a frame has two numbers with the one for degE7, whichever an autopilot gave back."""
+    return [msgspec.structs.replace(item, frame=_WIRE_FRAMES.get(item.frame, item.frame)) for item in items]
+
+
 def has_place(item: Item) -> bool:
     """Whether the vehicle is to go to the item's latitude and longitude, or they mean a place in another way."""
     return item.frame != mav.MAV_FRAME_MISSION and UNSET not in (item.x, item.y) and (item.x, item.y) != (0, 0)
@@ -99,6 +106,29 @@ def check_count(items: Sequence[object], where: str) -> None:
     """Raises UserError when there are more items than MAVLink can count."""
     if len(items) > MAX_ITEMS:
         raise UserError(f"{where}: {len(items)} items are more than MAVLink can count; give at most {MAX_ITEMS}.")
+
+
+def check_places(plan: FlightPlan, where: str) -> FlightPlan:
+    """The plan, when all its places can belong together. Raises UserError: far from home means swapped or mistyped."""
+    home_lat_deg, home_lon_deg = plan.home.x / 1e7, plan.home.y / 1e7
+    for part in ("mission", "fence", "rally"):
+        for n, item in enumerate(getattr(plan, part)):
+            if not has_place(item):
+                continue
+            lat_deg, lon_deg = item.x / 1e7, item.y / 1e7
+            away_m = _distance_m(home_lat_deg, home_lon_deg, lat_deg, lon_deg)
+            if away_m > FARTHEST_M:
+                raise UserError(f"{where}: {part} item {n} at latitude {lat_deg:.4f}, longitude {lon_deg:.4f} is "
+                                f"{away_m / 1000:.0f} km from home; latitude comes first, so swap them or move home.")
+    return plan
+
+
+def _distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_deg: float) -> float:
+    """Along the great circle of a sphere."""
+    a, b = math.radians(lat_deg), math.radians(other_lat_deg)
+    half_lat, half_lon = (b - a) / 2.0, math.radians(other_lon_deg - lon_deg) / 2.0
+    chord = math.sin(half_lat) ** 2 + math.cos(a) * math.cos(b) * math.sin(half_lon) ** 2
+    return 2.0 * EARTH_RADIUS_M * math.asin(min(1.0, math.sqrt(chord)))
 
 
 def _single(value: float, where: str) -> float:

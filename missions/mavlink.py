@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from missions.errors import ProtocolError
 from missions.frames import Site, heading_deg_from_yaw_enu, yaw_enu_from_heading_deg
+from missions.signing import Signing
 
 GROUND_SYSTEM, GROUND_COMPONENT = 255, mav.MAV_COMP_ID_MISSIONPLANNER
 AUTOPILOT_COMPONENT = mav.MAV_COMP_ID_AUTOPILOT1
@@ -118,23 +119,29 @@ def plan_sha256(items: list[Item]) -> str:
     return hashlib.sha256(msgspec.msgpack.encode(items)).hexdigest()
 
 
-def item_message(item: Item, seq: int, system: int, component: int) -> mav.MAVLink_message:
+def item_message(item: Item, seq: int, system: int, component: int,
+                 mission_type: int = mav.MAV_MISSION_TYPE_MISSION) -> mav.MAVLink_message:
     """MISSION_ITEM_INT for this target."""
     return mav.MAVLink_mission_item_int_message(
         system, component, seq, item.frame, item.command, int(seq == 0), 1, *item.params, item.x, item.y, item.z,
-        mav.MAV_MISSION_TYPE_MISSION)
+        mission_type)
 
 
 def item_from_message(message: Any) -> Item:
-    """The plan-relevant fields of a received MISSION_ITEM_INT."""
+    """The plan-relevant fields of a received MISSION_ITEM_INT, or of a MISSION_ITEM, whose degrees are floats."""
+    x, y = message.x, message.y
+    if message.get_type() == "MISSION_ITEM":
+        scale = 1.0 if message.frame == mav.MAV_FRAME_MISSION else 1e7
+        x, y = round(x * scale), round(y * scale)
     return Item(message.frame, message.command, (message.param1, message.param2, message.param3, message.param4),
-                message.x, message.y, message.z)
+                x, y, message.z)
 
 
 class Endpoint:
-    """Packs and parses MAVLink 2 frames for one system and component."""
+    """Packs and parses MAVLink 2 frames for one system and component; with signing only those of who holds the key."""
 
-    def __init__(self, system: int, component: int) -> None:
+    def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
+        self._signing = signing
         self._mav = mav.MAVLink(None, srcSystem=system, srcComponent=component)
         self._mav.robust_parsing = True
         self.rejected = 0
@@ -143,14 +150,15 @@ class Endpoint:
         """The frame, with this endpoint's next sequence number."""
         frame = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
-        return frame
+        return frame if self._signing is None else self._signing.signed(frame, message.crc_extra)
 
     def parse(self, frames: list[bytes]) -> list[Any]:
-        """The messages in these frames; what fails its CRC is counted and left out."""
+        """The messages in these frames; what fails its CRC, or is not rightly signed, is counted and left out."""
         out = []
         for frame in frames:
             for message in self._mav.parse_buffer(frame) or []:
-                if message.get_type() == "BAD_DATA":
+                bad = message.get_type() == "BAD_DATA"
+                if bad or not (self._signing is None or self._signing.accepts(bytes(message.get_msgbuf()))):
                     self.rejected += 1
                 else:
                     out.append(message)

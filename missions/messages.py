@@ -1,4 +1,5 @@
-"""Every message that crosses a process, in one file. SI units, ENU, radians unless the name says otherwise.
+"""Every message of the flight that crosses a process, in one file; what people watch and say is in `live.py`. SI units,
+ENU, radians unless the name says otherwise.
 
 Messages are msgspec Structs, packed as MessagePack; decoding is typed and refuses bad data. Nothing is pickled.
 """
@@ -6,6 +7,7 @@ Messages are msgspec Structs, packed as MessagePack; decoding is typed and refus
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from typing import Annotated
 
 import msgspec
@@ -14,6 +16,14 @@ from msgspec import Meta
 from missions.camera import Camera, Pose
 
 Vector = tuple[float, float, float]
+
+
+def vector(values: Iterable[float], digits: int | None = None) -> Vector:
+    """Three numbers as they cross processes; with as many decimals, where given."""
+    x, y, z = (float(v) if digits is None else round(float(v), digits) for v in values)
+    return x, y, z
+
+
 MAX_CHUNK = 256 * 1024
 Chunk = Annotated[bytes, Meta(max_length=MAX_CHUNK)]
 
@@ -43,23 +53,30 @@ class SiteBrief(Message, frozen=True, kw_only=True):
 
 
 class Welcome(Message, frozen=True, kw_only=True):
-    """The bridge's answer to a Join, for all: who takes part, and the operator's knowledge of the site."""
+    """The bridge's answer to a Join, for all: who takes part, and the operator's knowledge of the site. under_way:
+    whether somebody takes part again; counts: totals of the lock-step keys so far."""
 
     accepted: bool
     reason: str
     name: str
     boot: str
     site: SiteBrief
+    under_way: bool = False
+    counts: dict[str, int] = {}
 
 
 class Tick(Message, frozen=True, kw_only=True):
-    """Simulated time is now t_ns. `counts`: total messages published so far on each lock-step key that changed."""
+    """Simulated time is now t_ns. `counts`: total messages published so far on each lock-step key that changed.
+    `joins`: boot, by name, of who died and takes part again from the next tick on. `again`: the first tick of a bridge
+    that was started again, which is the one it died in; what it held then is to be sent once more."""
 
     tick: int
     t_ns: int
     counts: dict[str, int]
     participants: list[str]
     stop: bool = False
+    joins: dict[str, str] = {}
+    again: bool = False
 
 
 class TickDone(Message, frozen=True, kw_only=True):
@@ -113,6 +130,23 @@ class BatterySwap(Message, frozen=True, kw_only=True):
     after `battery.swap_s` it is full."""
 
     vehicle_id: int
+
+
+class FenceOrder(Message, frozen=True, kw_only=True):
+    """Ground to vehicle: the box to stay in from now on, wider than the one before (a MAVLink fence has neither floor
+    nor ceiling)."""
+
+    order_id: int
+    lower_enu_m: Vector
+    upper_enu_m: Vector
+
+
+class FenceVerdict(Message, frozen=True, kw_only=True):
+    """Vehicle to ground: the fence is accepted or refused."""
+
+    order_id: int
+    accepted: bool
+    reason: str = ""
 
 
 # --- vehicle state, for teammates and the referee --------------------------------------------------------------------

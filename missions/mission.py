@@ -6,44 +6,22 @@ import hashlib
 from typing import Annotated, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, field
 
 from missions.camera import Camera
 from missions.frames import Site
-
-Positive = Annotated[float, Meta(gt=0)]
-NonNegative = Annotated[float, Meta(ge=0)]
-Percent = Annotated[float, Meta(ge=0, le=100)]
-Point = tuple[float, float, float]
+from missions.lens import NONE, Distortion
+from missions.mission_section import NonNegative, Percent, Point, Positive, Section
+from missions.simulation import ClockSpec, FaultSpec, ObstacleSpec, RenderSpec, SceneSpec
 
 
-class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class SceneSpec(_Section, frozen=True, kw_only=True):
-    """The true world. Only sim_bridge reads this section; the planners never see the scene."""
-
-    name: str = "bridge"
-    """A built-in structure (bridge, building, statue, powerline) or a member of a procedural family
-    (family:NAME:SEED, see missions/scene_names.py); ignored when path is given."""
-    path: str = ""
-    """A GLB/OBJ/PLY/STL file, or a folder laid out as in the thesis's Figure 4.2; relative to the working directory."""
-    seed: int = 1
-    """Of the textures and surroundings of a built-in structure; a family's scene has its seed in its name."""
-    units_per_metre: Positive = 1.0
-    """How many units of the file make a metre (1000 for a model in millimetres)."""
-    up: Literal["y", "z"] = "z"
-    """The file's axis that points up. With "y", (x, y, z) becomes (x, -z, y), as in Blender."""
-    surroundings: bool = True
-
-
-class SiteSpec(_Section, frozen=True, kw_only=True):
+class SiteSpec(Section, frozen=True, kw_only=True):
     """Where the world's ENU origin lies, and what the operator knows of the object: its box."""
 
     origin_lat_deg: Annotated[float, Meta(ge=-89, le=89)] = 52.2205
     origin_lon_deg: Annotated[float, Meta(ge=-180, le=180)] = 6.8861
     origin_alt_m: float = 40.0
+    """Of the ENU origin above the WGS 84 ellipsoid (latitude, longitude and this are EPSG:4979), not above the sea."""
     object_min_enu_m: Point | None = None
     """Lower corner of the object's bounding box; taken from the scene's bounds when left out."""
     object_max_enu_m: Point | None = None
@@ -54,6 +32,9 @@ class SiteSpec(_Section, frozen=True, kw_only=True):
     """Lowest height above ground at which a picture may be taken."""
     geofence_margin_m: Positive = 12.0
     """The geofence reaches this far beyond the camera bounds (take-off points lie inside it)."""
+    geofence_room_m: NonNegative = 0.0
+    """So far, sideways and upwards, an operator may move the geofence out in flight. Maps reach so far; without a prior
+    model only."""
 
     @property
     def anchor(self) -> Site:
@@ -61,11 +42,13 @@ class SiteSpec(_Section, frozen=True, kw_only=True):
         return Site(self.origin_lat_deg, self.origin_lon_deg, self.origin_alt_m)
 
 
-class FleetSpec(_Section, frozen=True, kw_only=True):
+class FleetSpec(Section, frozen=True, kw_only=True):
     """The vehicles: how many, how large, how fast."""
 
-    vehicles: Annotated[int, Meta(ge=1, le=32)] = 2
-    takeoff_enu_m: list[Point] = []
+    vehicles: Annotated[int, Meta(ge=1, le=64)] = 2
+    reserve: Annotated[int, Meta(ge=0)] = 0
+    """So many of the vehicles, the last ones, stay on their pads and take no part until an operator adds them."""
+    takeoff_enu_m: list[Point] = field(default_factory=list)
     """One point per vehicle; when empty, in a row beside the object, outside its box."""
     radius_m: Positive = 0.3
     clearance_m: Positive = 1.0
@@ -76,11 +59,16 @@ class FleetSpec(_Section, frozen=True, kw_only=True):
     acceleration_m_s2: Positive = 2.0
     jerk_m_s3: Positive = 6.0
     yaw_rate_deg_s: Positive = 60.0
+    lost_after_s: NonNegative = 20.0
+    """A vehicle that has vanished keeps its views for so long; then the others get them. It may come back later too."""
+    restarts: Annotated[int, Meta(ge=0)] = 3
+    """How often `swarmscan fly` starts sim_bridge or a vehicle's process again that was killed; never a real
+    autopilot's."""
     range_sensor_m: Positive = 8.0
     """Reach of the simulated obstacle sensor. It keeps ways clear, on board and on the ground; no map is made of it."""
 
 
-class BatterySpec(_Section, frozen=True, kw_only=True):
+class BatterySpec(Section, frozen=True, kw_only=True):
     """What flying takes out of a battery, and what must stay in it."""
 
     model: Literal["power", "distance"] = "power"
@@ -93,7 +81,7 @@ class BatterySpec(_Section, frozen=True, kw_only=True):
     swaps: Annotated[int, Meta(ge=0)] = 0
     """Fresh batteries per vehicle at its pad: as many further sorties."""
     swap_s: NonNegative = 120.0
-    start_percent: list[Percent] = []
+    start_percent: list[Percent] = field(default_factory=list)
     """Charge of the first vehicles at the start; those beyond the list start full."""
     threshold_percent: Percent = 20.0
     """At this level a vehicle returns and its remaining views go to the others (thesis section 4.4.6)."""
@@ -103,7 +91,7 @@ class BatterySpec(_Section, frozen=True, kw_only=True):
         return self.start_percent[vehicle_id - 1] if vehicle_id <= len(self.start_percent) else 100.0
 
 
-class AirframeSpec(_Section, frozen=True, kw_only=True):
+class AirframeSpec(Section, frozen=True, kw_only=True):
     """Published figures of the multirotor; the power model is fitted to them. Defaults: DJI Mini 4 Pro with its
     standard battery (the manufacturer's specification page: still air, sea level, battery flown empty)."""
 
@@ -125,14 +113,14 @@ class AirframeSpec(_Section, frozen=True, kw_only=True):
     """Carried beside what the published figures were measured with."""
 
 
-class WindSpec(_Section, frozen=True, kw_only=True):
+class WindSpec(Section, frozen=True, kw_only=True):
     """The steady wind that flights are reckoned with. It costs energy; simulated vehicles hold their course in it."""
 
     velocity_enu_m_s: Point = (0.0, 0.0, 0.0)
     """Where the air moves to."""
 
 
-class CameraSpec(_Section, frozen=True, kw_only=True):
+class CameraSpec(Section, frozen=True, kw_only=True):
     """Optics shared by exploration and survey. The thesis's 9.6 x 7.2 mm sensor with f = 20 mm would see 27 deg; the
     84 deg of its text (and of the DJI Mini 4 Pro) is the default."""
 
@@ -140,6 +128,9 @@ class CameraSpec(_Section, frozen=True, kw_only=True):
     focal_px: Positive | None = None
     """Focal length at survey resolution; replaces diagonal_fov_deg when given."""
     principal_point_px: tuple[float, float] | None = None
+    distortion: Distortion = NONE
+    """k1, k2, p1, p2 of the lens (see missions/lens.py). Simulated pictures have it, and whoever measures in a picture
+    takes it out."""
     explore_px: tuple[int, int] = (456, 256)
     survey_px: tuple[int, int] = (1920, 1080)
     exposure_s: Positive = 0.001
@@ -169,7 +160,7 @@ class CameraSpec(_Section, frozen=True, kw_only=True):
         return self.survey_camera().scaled(*self.explore_px)
 
 
-class ExploreSpec(_Section, frozen=True, kw_only=True):
+class ExploreSpec(Section, frozen=True, kw_only=True):
     """Next-best-view exploration."""
 
     enabled: bool = True
@@ -191,7 +182,7 @@ class ExploreSpec(_Section, frozen=True, kw_only=True):
     shows less than 10 % of what it has shown on average."""
 
 
-class SurveySpec(_Section, frozen=True, kw_only=True):
+class SurveySpec(Section, frozen=True, kw_only=True):
     """The thesis's exploit phase: full-resolution pictures for photogrammetry."""
 
     enabled: bool = True
@@ -225,51 +216,56 @@ class SurveySpec(_Section, frozen=True, kw_only=True):
     """Rest before a picture where the vehicle stops for it."""
 
 
-class ReconstructSpec(_Section, frozen=True, kw_only=True):
+class ReconstructSpec(Section, frozen=True, kw_only=True):
     """From survey pictures to cloud and mesh."""
 
     enabled: bool = True
     align: bool = True
     """Bundle adjustment of the measured poses before anything is made of them. Without noise there is nothing to do."""
+    calibrate: bool = False
+    """The alignment finds focal length and distortion of the camera by itself; what the mission says is where it
+    begins."""
     depth_width_px: Annotated[int, Meta(ge=160)] = 960
     pairs_per_picture: Annotated[int, Meta(ge=1)] = 4
     min_confidence: Annotated[int, Meta(ge=1)] = 3
     """Agreeing depth maps that a point needs (the thesis drops confidence 0-2)."""
     cloud_spacing_m: Positive = 0.03
+    thin_members: bool = False
+    """Look for wires, cables and bars that stereo does not resolve as lines that several pictures show, and drop what
+    has open sky in its place. Twice the time that the cloud takes otherwise."""
     mesh: bool = True
+    texture: bool = True
+    """Make a textured model of the mesh, of at most model_triangles, with a square texture of at most texture_px."""
+    model_triangles: Annotated[int, Meta(ge=1000)] = 400_000
+    texture_px: Annotated[int, Meta(ge=512, le=16384)] = 8192
+    memory_gib: Positive = 4.0
+    """What depth maps and fusion may take; fewer threads work and more is read again where that is little."""
+    near_m: Positive = 2.0
+    """Surface is looked for from here on, measured from the camera."""
+    far_m: Positive = 60.0
 
 
-class RenderSpec(_Section, frozen=True, kw_only=True):
-    """Sun and sky of the simulated pictures."""
+class MavlinkSpec(Section, frozen=True, kw_only=True):
+    """Doors for other ground stations (QGroundControl, MAVProxy, MAVSDK programs), opened by sim_bridge."""
 
-    sun_azimuth_deg: float = 215.0
-    """Clockwise from North."""
-    sun_elevation_deg: Annotated[float, Meta(gt=0, le=90)] = 48.0
-    backend: Literal["auto", "egl", "raycast"] = "auto"
+    open: list[str] = field(default_factory=list)
+    """Where all vehicles are behind one door: "udpin://127.0.0.1:14540" waits there, "udpout://127.0.0.1:14550" (or
+    "udp://...") speaks first to whoever listens there. Nothing is opened when left out."""
+    open_each: str = ""
+    """The same for a door per vehicle: vehicle K's has a port number higher by K - 1."""
+    identity: Literal["px4", "ardupilot"] = "px4"
+    """Which autopilot the vehicles speak like at the doors."""
+    signing_key: str = ""
+    """A file with 64 hexadecimal digits and mode 0600: with it vehicles sign what they say at the doors (MAVLink 2) and
+    hear only who signs with the same key."""
 
-
-class ClockSpec(_Section, frozen=True, kw_only=True):
-    """Simulated time."""
-
-    tick_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.1
-    link_latency_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.01
-    speed: NonNegative = 0.0
-    """Simulated seconds per wall second; 0 is as fast as the machine goes."""
-    max_s: Positive = 7200.0
-    epoch_utc: str = "2026-06-01T10:00:00Z"
-    """Simulated time zero, for EXIF."""
-
-
-class ObstacleSpec(_Section, frozen=True, kw_only=True):
-    """A box that appears in the true world in flight (fault injection; known to sim_bridge alone)."""
-
-    center_enu_m: Point
-    size_m: Point
-    appears_at_s: NonNegative = 0.0
-    disappears_at_s: Positive = 1e9
+    @property
+    def doors(self) -> bool:
+        """Whether anybody may come in."""
+        return bool(self.open or self.open_each)
 
 
-class Mission(_Section, frozen=True, kw_only=True):
+class Mission(Section, frozen=True, kw_only=True):
     """A whole mission."""
 
     title: str
@@ -292,7 +288,10 @@ class Mission(_Section, frozen=True, kw_only=True):
     reconstruct: ReconstructSpec = ReconstructSpec()
     render: RenderSpec = RenderSpec()
     clock: ClockSpec = ClockSpec()
-    obstacles: list[ObstacleSpec] = []
+    mavlink: MavlinkSpec = MavlinkSpec()
+    obstacles: list[ObstacleSpec] = field(default_factory=list)
+    faults: list[FaultSpec] = field(default_factory=list)
+    """That built-in vehicles simulate (vehicle, kind, at_s, until_s, amount), see docs/failsafe.md."""
 
     @property
     def mission_hash(self) -> str:

@@ -14,6 +14,7 @@ import msgspec
 import tomli_w
 
 from missions.errors import UserError
+from missions.lens import invertible
 from missions.mission import Mission
 
 MISSIONS_FOLDER = Path(__file__).resolve().parent
@@ -64,10 +65,34 @@ def check(mission: Mission, where: str) -> None:
         raise UserError(f"{where}: site.object_max_enu_m must exceed object_min_enu_m on every axis; swap or widen it.")
     if mission.fleet.clearance_m <= mission.fleet.radius_m:
         raise UserError(f"{where}: fleet.clearance_m must exceed fleet.radius_m; raise the clearance.")
+    if mission.fleet.reserve >= mission.fleet.vehicles:
+        raise UserError(f"{where}: fleet.reserve must be less than fleet.vehicles, of which it is a part; raise "
+                        "fleet.vehicles.")
+    if mission.site.geofence_room_m and mission.knowledge == "mesh":
+        raise UserError(f"{where}: site.geofence_room_m is for missions without a prior model; leave it out.")
     if mission.prior_path and mission.knowledge == "none":
         raise UserError(f"{where}: prior_path needs knowledge = \"mesh\"; set it or leave prior_path out.")
     if mission.survey.views == "file" and not mission.survey.views_path:
         raise UserError(f"{where}: survey.views = \"file\" needs survey.views_path; name the views file.")
+    if not all(invertible(camera, mission.camera.distortion)
+               for camera in (mission.camera.survey_camera(), mission.camera.explore_camera())):
+        raise UserError(f"{where}: camera.distortion {list(mission.camera.distortion)} folds the picture before its "
+                        "corners; give smaller coefficients k1, k2, p1, p2.")
+    if mission.reconstruct.far_m <= mission.reconstruct.near_m:
+        raise UserError(f"{where}: reconstruct.far_m must exceed reconstruct.near_m; raise it.")
+    _check_faults(mission, where)
+
+
+def _check_faults(mission: Mission, where: str) -> None:
+    for n, fault in enumerate(mission.faults):
+        if fault.vehicle > mission.fleet.vehicles:
+            raise UserError(f"{where}: faults[{n}].vehicle is {fault.vehicle}; this mission has vehicles 1 to "
+                            f"{mission.fleet.vehicles}, name one.")
+        if fault.until_s <= fault.at_s:
+            raise UserError(f"{where}: faults[{n}].until_s must be later than at_s; raise it or leave it out.")
+        if (fault.amount > 0.0) != (fault.kind in ("battery_sag", "clock_jump")):
+            raise UserError(f"{where}: faults[{n}].amount belongs to battery_sag (percent) and clock_jump (seconds) "
+                            "alone; give it there.")
 
 
 def write_mission(mission: Mission, path: Path) -> None:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
 from missions.errors import ProtocolError
-from missions.mission import FleetSpec, Point
+from missions.mission import FleetSpec
+from missions.mission_section import Point
 from missions.pose_lattice import Index5, PoseLattice
 
 LENGTH_BYTES = 4
@@ -96,12 +97,14 @@ class Choice(_Message, frozen=True, kw_only=True):
 
 
 class Answer(_Message, frozen=True, kw_only=True):
-    """What the method's process says to an Ask. seconds of wall time, over all frames since its last answer."""
+    """What the method's process says to an Ask. seconds of wall time, over all frames since its last answer;
+    seconds_processor: of all its threads together, over the same; 0 where nobody measures it."""
 
     choice: Choice
     seconds_seeing: float
     seconds_choosing: float
     peak_memory_mib: float
+    seconds_processor: float = 0.0
 
 
 class Failure(_Message, frozen=True, kw_only=True):

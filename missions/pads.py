@@ -62,6 +62,13 @@ def geofence(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
     return lower, upper
 
 
+def fence_limit(mission: Mission, site: SiteBrief) -> tuple[Array, Array]:
+    """(lower, upper), each (3,) ENU metres: how far an operator may move the geofence out in flight. Maps reach so far;
+    what lies beyond the geofence is unknown until pictures show it."""
+    (lower, upper), room = geofence(mission, site), mission.site.geofence_room_m
+    return lower - np.array([room, room, 0.0]), upper + room
+
+
 def hover_points(mission: Mission, site: SiteBrief) -> list[Vector]:
     """Where a vehicle's vertical take-off ends and its landing begins, ENU metres, one per vehicle."""
     up = site.ground_up_m + max(mission.site.camera_floor_m, mission.fleet.clearance_m) + HOVER_ABOVE_FLOOR_M

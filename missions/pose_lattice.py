@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Pose
 from missions.frames import Array, wrap_pi
-from missions.mission import Point
+from missions.mission_section import Point
 
 Index5 = tuple[int, int, int, int, int]
 Indices = NDArray[np.int64]

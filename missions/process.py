@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import FrameType
 
+from missions.disk import DISK_ERRORS
 from missions.errors import SwarmscanError, UserError
 
 log = logging.getLogger(__name__)
@@ -28,8 +29,20 @@ def run_process(body: Callable[[], int | None]) -> int:
     except SwarmscanError as e:
         log.error("%s", e)
         return 1
+    except OSError as e:
+        if e.errno not in DISK_ERRORS:
+            raise
+        log.error("%s: the disk %s; make space or mend it.", e.filename, DISK_ERRORS[e.errno])
+        return 1
     except KeyboardInterrupt:
         return 130
+
+
+def end_when_told() -> None:
+    """SIGINT and SIGTERM end this process by KeyboardInterrupt, also where it was started by a shell that has SIGINT
+    ignored in what it starts (nohup, `&` in a script): whoever starts a mission's processes ends them by SIGINT."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
 
 
 def uninterrupted() -> AbstractContextManager[None]:

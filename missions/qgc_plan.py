@@ -21,6 +21,7 @@ from missions.flight_plan import (
     FILE_FRAMES,
     FlightPlan,
     check_count,
+    check_places,
     home_item,
     item_from_params,
     params_of_item,
@@ -130,8 +131,8 @@ def read_plan(path: Path) -> FlightPlan:
                for where, item in _commands(path, file.mission.items)]
     check_count(mission, f"{path}: mission.items")
     home = home_item(*file.mission.planned_home_position, where=f"{path}: mission.plannedHomePosition")
-    return FlightPlan(home=home, mission=mission, fence=_fence_items(path, file.geo_fence),
-                      rally=_rally_items(path, file.rally_points))
+    return check_places(FlightPlan(home=home, mission=mission, fence=_fence_items(path, file.geo_fence),
+                                   rally=_rally_items(path, file.rally_points)), str(path))
 
 
 def _commands(path: Path, items: list[_SimpleItem | _ComplexItem]) -> Iterator[tuple[str, _SimpleItem]]:

@@ -15,6 +15,7 @@ from missions.flight_plan import (
     FILE_FRAMES,
     FlightPlan,
     check_count,
+    check_places,
     home_item,
     item_from_params,
     params_of_item,
@@ -46,7 +47,8 @@ def read_waypoints(path: Path) -> FlightPlan:
         raise UserError(f"{path}: index 0 must be the home position (frame 0, command {mav.MAV_CMD_NAV_WAYPOINT}); "
                         "put it before the mission's items.")
     lat_deg, lon_deg, alt_m = params_of_item(items[0])[4:]
-    return FlightPlan(home=home_item(lat_deg, lon_deg, alt_m, f"{path}: line {rows[0][0]}"), mission=items[1:])
+    home = home_item(lat_deg, lon_deg, alt_m, f"{path}: line {rows[0][0]}")
+    return check_places(FlightPlan(home=home, mission=items[1:]), str(path))
 
 
 def _line(seq: int, item: Item) -> str:
