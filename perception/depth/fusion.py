@@ -40,15 +40,16 @@ def consensus(depth: DepthMap, gray: Image, others: list[DepthMap], grays: list[
     """The vote over a depth map and its neighbours', each with its grey picture at the maps' resolution."""
     drawn = np.zeros((len(others) + 1, *depth.valid.shape), np.float32)
     drawn[0] = np.where(depth.valid, 1.0 / depth.depth_m, 0.0)
-    for image, other in zip(drawn[1:], others, strict=True):
-        _draw(1.0 / other.depth_m, other.valid, _into(other, depth), image)
+    nears = [1.0 / other.depth_m for other in others]
+    for image, other, other_near in zip(drawn[1:], others, nears, strict=True):
+        _draw(other_near, other.valid, _into(other, depth), image)
     sigma = np.array([m.sigma_per_depth2 for m in (depth, *others)], np.float32)
     near, support, before = (np.zeros(depth.valid.shape, t) for t in (np.float32, np.uint8, np.uint8))
     _vote(drawn, sigma, near, support, before)
     near = np.where(near > 0.0, near, 1.0 / depth.depth_m).astype(np.float32)
     agree, against = np.zeros_like(before), before
-    for other, other_gray, other_sigma in zip(others, grays, sigma[1:], strict=True):
-        _look_back(near, gray, _into(depth, other), 1.0 / other.depth_m, other_gray, other.valid, other.sky,
+    for other, other_near, other_gray, other_sigma in zip(others, nears, grays, sigma[1:], strict=True):
+        _look_back(near, gray, _into(depth, other), other_near, other_gray, other.valid, other.sky,
                    np.float32(MAX_SHIFT * np.hypot(other_sigma, sigma[0])), agree, against)
     return Consensus((1.0 / near).astype(np.float32), support, agree, against)
 

@@ -65,7 +65,9 @@ class PictureDepths:
 
     def update(self) -> list[int]:
         """Estimates every picture that has enough sources by now; indices of pictures estimated, or estimated anew."""
-        work = [(i, sources) for i in self._affected() if (sources := self._new_sources(i))]
+        affected = self._affected()
+        work = [(i, sources) for i, sources in zip(affected, self._workers.map(self._new_sources, affected),
+                                                   strict=True) if sources]
         self._considered = len(self._pictures)
         frames = [(self._pictures[i].frame, [self._pictures[k].frame for k in sources]) for i, sources in work]
         raw = self._workers.map(lambda pair: estimate(pair[0], pair[1], self._sweep), frames)

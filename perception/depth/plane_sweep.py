@@ -94,7 +94,7 @@ def estimate(target: Frame, sources: list[Frame], settings: SweepSettings | None
         raise ValueError("plane sweep needs at least one source picture")
     settings = settings or SweepSettings()
     planes = inverse_depths(settings)
-    a, b = (np.stack(terms) for terms in zip(*(_epipolar_terms(target, source) for source in sources), strict=True))
+    a, b = _epipolar_terms(target, sources)
     raw = _cost_volume(target, sources, (a, b), planes, settings)
     smooth = semi_global.aggregate(raw, target.gray)
     best, offset, second = semi_global.winners(smooth)
@@ -118,12 +118,17 @@ def _matchable(target: Frame, sources: list[Frame], settings: SweepSettings) -> 
     return (strength > settings.min_texture_dn) & (along > settings.min_determinacy)
 
 
-def _epipolar_terms(target: Frame, source: Frame) -> tuple[Image, Image]:
-    """a (3, h, w), b (3,): a target pixel at inverse depth w lies at the homogeneous source pixel a + b * w."""
-    source_from_target = source.pose.camera_from_enu @ np.linalg.inv(target.pose.camera_from_enu)
-    k = source.camera.matrix
-    a = np.moveaxis(target.camera.rays_camera() @ (k @ source_from_target[:3, :3]).T, -1, 0)
-    return a.astype(np.float32), (k @ source_from_target[:3, 3]).astype(np.float32)
+def _epipolar_terms(target: Frame, sources: list[Frame]) -> tuple[Image, Image]:
+    """a (sources, 3, h, w), b (sources, 3): a target pixel at inverse depth w lies at the homogeneous pixel a + b * w
+    of each source."""
+    enu_from_target, rays = np.linalg.inv(target.pose.camera_from_enu), target.camera.rays_camera()
+    a, b = np.empty((len(sources), 3, *rays.shape[:2]), np.float32), np.empty((len(sources), 3), np.float32)
+    for n, source in enumerate(sources):
+        source_from_target = source.pose.camera_from_enu @ enu_from_target
+        k = source.camera.matrix
+        a[n] = np.moveaxis(rays @ (k @ source_from_target[:3, :3]).T, -1, 0)
+        b[n] = k @ source_from_target[:3, 3]
+    return a, b
 
 
 def _sight(a: Image, b: Image, nearest: float) -> Image:

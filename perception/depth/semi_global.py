@@ -12,6 +12,8 @@ Volume = NDArray[np.int16]
 
 SMALL_JUMP = 30
 LARGE_JUMP = 150
+NOWHERE = np.int16(32000)
+"""Cost of planes before the first and after the last."""
 
 
 def aggregate(cost: Volume, gray: Image) -> Volume:
@@ -38,18 +40,22 @@ def winners(volume: Volume) -> tuple[NDArray[np.int32], Image, Image]:
 
 @compiled
 def _step(cost: Volume, previous: Volume, jump: int, out: Volume) -> None:
-    """One pixel further along a path: the recursion of Hirschmuller (2008), Eq. 13."""
-    planes = cost.shape[0]
-    least = previous[0]
-    for d in range(1, planes):
-        least = min(least, previous[d])
-    for d in range(planes):
-        value = min(previous[d], least + jump)
-        if d > 0:
-            value = min(value, previous[d - 1] + SMALL_JUMP)
-        if d < planes - 1:
-            value = min(value, previous[d + 1] + SMALL_JUMP)
-        out[d] = cost[d] + value - least
+    """One pixel further along a path: the recursion of Hirschmuller (2008), Eq. 13. previous, out (planes + 2,) begin
+    and end with NOWHERE. Sums stay within 16 bits, so that loops compile to vectors of 16 planes."""
+    below, at, above, new = previous[:-2], previous[1:-1], previous[2:], out[1:-1]
+    least = at[0]
+    for d in range(len(at)):
+        least = min(least, at[d])
+    most = np.int16(least + jump)
+    for d in range(len(cost)):
+        beside = np.int16(min(below[d], above[d]) + SMALL_JUMP)
+        new[d] = np.int16(cost[d] + np.int16(min(min(at[d], most), beside) - least))
+
+
+@compiled
+def _add(more: Volume, total: Volume) -> None:
+    for d in range(len(total)):
+        total[d] += more[d]
 
 
 @compiled
@@ -60,18 +66,17 @@ def _jump(a: float, b: float) -> int:
 @compiled
 def _sweep_rows(cost: Volume, gray: Image, direction: int, step: int, total: Volume) -> None:
     h, w, planes = cost.shape
-    previous, current = np.empty((w, planes), np.int16), np.empty((w, planes), np.int16)
+    previous, current = np.full((w, planes + 2), NOWHERE), np.full((w, planes + 2), NOWHERE)
     start = 0 if direction > 0 else h - 1
     for k in range(h):
         y = start + direction * k
         for x in range(w):
             x0 = x - step
             if k == 0 or x0 < 0 or x0 >= w:
-                current[x] = cost[y, x]
+                current[x, 1:-1] = cost[y, x]
             else:
                 _step(cost[y, x], previous[x0], _jump(gray[y, x], gray[y - direction, x0]), current[x])
-            for d in range(planes):
-                total[y, x, d] += current[x, d]
+            _add(current[x, 1:-1], total[y, x])
         previous, current = current, previous
 
 
@@ -79,16 +84,15 @@ def _sweep_rows(cost: Volume, gray: Image, direction: int, step: int, total: Vol
 def _sweep_columns(cost: Volume, gray: Image, direction: int, total: Volume) -> None:
     h, w, planes = cost.shape
     start = 0 if direction > 0 else w - 1
-    previous, current = np.empty(planes, np.int16), np.empty(planes, np.int16)
+    previous, current = np.full(planes + 2, NOWHERE), np.full(planes + 2, NOWHERE)
     for y in range(h):
         for k in range(w):
             x = start + direction * k
             if k == 0:
-                current[:] = cost[y, x]
+                current[1:-1] = cost[y, x]
             else:
                 _step(cost[y, x], previous, _jump(gray[y, x], gray[y, x - direction]), current)
-            for d in range(planes):
-                total[y, x, d] += current[d]
+            _add(current[1:-1], total[y, x])
             previous, current = current, previous
 
 

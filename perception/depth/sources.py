@@ -25,14 +25,15 @@ def source_worth(target: Pose, candidates: list[Pose], camera: Camera) -> Array:
     points = _frustum_points(target, camera)
     position = np.array([c.position_enu_m for c in candidates]).reshape(-1, 3)
     camera_from_enu = np.array([c.enu_from_camera.T for c in candidates]).reshape(-1, 3, 3)
-    local = np.einsum("nij,npj->npi", camera_from_enu, points[None] - position[:, None])
+    away = points[None] - position[:, None]
+    local = np.einsum("nij,npj->npi", camera_from_enu, away)
     depth = np.maximum(local[..., 2], 1e-6)
     u = camera.fx_px * local[..., 0] / depth + camera.cx_px
     v = camera.fy_px * local[..., 1] / depth + camera.cy_px
     seen = (local[..., 2] > 0.5) & (u > 0) & (u < camera.width_px) & (v > 0) & (v < camera.height_px)
     to_target = points - np.array(target.position_enu_m)
-    cosine = np.einsum("pi,npi->np", to_target, points[None] - position[:, None])
-    cosine /= np.linalg.norm(to_target, axis=1) * np.linalg.norm(points[None] - position[:, None], axis=2)
+    cosine = np.einsum("pi,npi->np", to_target, away)
+    cosine /= np.linalg.norm(to_target, axis=1) * np.linalg.norm(away, axis=2)
     parallax = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     worth: Array = seen * np.interp(parallax, PARALLAX_DEG, (0.0, 1.0, 1.0, 0.0))
     return worth

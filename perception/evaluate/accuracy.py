@@ -8,6 +8,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from missions.frames import Array
+from missions.triangles import without_slivers
 from perception.evaluate.ray_scene import ray_scene
 
 BIN_M = 0.001
@@ -32,7 +33,8 @@ def distances_to_mesh(points_enu_m: NDArray[np.float32], vertices_enu_m: Array,
 
     The sign is that of the nearest triangle's side, as in CloudCompare, so the mesh need not be closed.
     """
-    scene = ray_scene(vertices_enu_m, triangles)
+    pieces, piece_of = without_slivers(np.asarray(vertices_enu_m, np.float64)[triangles])
+    scene = ray_scene(pieces.reshape(-1, 3), np.arange(3 * len(pieces), dtype=np.int64).reshape(-1, 3))
     distance, triangle = np.zeros(len(points_enu_m)), np.zeros(len(points_enu_m), dtype=np.int64)
     for start in range(0, len(points_enu_m), AT_ONCE):
         block = np.ascontiguousarray(points_enu_m[start:start + AT_ONCE], dtype=np.float32)
@@ -40,7 +42,7 @@ def distances_to_mesh(points_enu_m: NDArray[np.float32], vertices_enu_m: Array,
         offset = block - nearest["points"].numpy()
         side = np.sum(offset * nearest["primitive_normals"].numpy(), axis=1)
         distance[start:start + len(block)] = np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(offset, axis=1)
-        triangle[start:start + len(block)] = nearest["primitive_ids"].numpy()
+        triangle[start:start + len(block)] = piece_of[nearest["primitive_ids"].numpy()]
     return distance, triangle
 
 

@@ -59,16 +59,17 @@ def c2c_numbers(c: Comparison | None) -> dict[str, Any]:
 
 
 def c2m_numbers(c: Comparison | None) -> dict[str, Any]:
-    """Errors of the uniform sampling by the thesis's equations, then without bins, then trimmed; of the cloud as it is;
-    F-score by distance."""
+    """Errors of the uniform sampling by the thesis's equations, then without bins, then trimmed; of the cloud as it is
+    without bins and by the equations; F-score by distance."""
     distances = np.zeros(0) if c is None else c.uniform_c2m_m
+    as_it_is = np.zeros(0) if c is None else c.c2m_m
     overall = accuracy.binned(*accuracy.histogram(distances))
     trim = accuracy.exact(accuracy.trimmed(distances))
     return {
         "mean_m": overall.mean_m, "rms_m": overall.rms_m, "within_2cm": overall.within_2cm, "points": overall.points,
         "bin_m": accuracy.BIN_M, "resampled_m": RESAMPLE_M if c is None else c.spacing_m,
         "median_m": _median(distances), "exact": _figures(distances),
-        "as_it_is": _figures(np.zeros(0) if c is None else c.c2m_m),
+        "as_it_is": _figures(as_it_is) | {"binned": _binned(as_it_is)},
         "trimmed_5cm": {"mean_m": trim.mean_m, "rms_m": trim.rms_m, "within_2cm": trim.within_2cm,
                         "share_kept": trim.points / len(distances) if len(distances) else None},
         "f_score": {f"{t:.2f}": None if c is None else f_score(c, t) for t in THRESHOLDS_M},
@@ -83,6 +84,15 @@ def f_score(c: Comparison, threshold_m: float) -> float | None:
     precision = float(np.mean(np.abs(c.uniform_c2m_m) <= threshold_m))
     recall = float(np.mean(c.c2c_m <= threshold_m))
     return 2.0 * precision * recall / max(precision + recall, 1e-12)
+
+
+def reach_numbers(c: Comparison, reachable: NDArray[np.bool_]) -> dict[str, float | None]:
+    """Share of the samples that are within reach of enough pictures (n,); completeness at 0.25 m of these; completeness
+    of all over that share."""
+    share = float(reachable.mean()) if len(reachable) else None
+    whole = completeness(c.c2c_m, (MISSING_M,))[f"{MISSING_M:.2f}"]
+    return {"share": share, "completeness": completeness(c.c2c_m[reachable], (MISSING_M,))[f"{MISSING_M:.2f}"],
+            "relative": whole / share if share and whole is not None else None}
 
 
 def part_numbers(c: Comparison) -> list[dict[str, Any]]:
@@ -108,6 +118,11 @@ def confidence_numbers(c: Comparison) -> list[dict[str, Any]]:
         rows.append({"confidence": level, "kept": float(kept.mean()),
                      **_figures(c.c2m_m[c.cloud.confidence == level])})
     return rows
+
+
+def _binned(distances_m: Array) -> dict[str, float | None]:
+    found = accuracy.binned(*accuracy.histogram(distances_m))
+    return {"mean_m": found.mean_m, "rms_m": found.rms_m, "within_2cm": found.within_2cm}
 
 
 def _figures(distances_m: Array) -> dict[str, float | None]:

@@ -12,19 +12,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from missions.camera import Camera
 from missions.frames import Array
-from perception.evaluate.ray_scene import ray_scene
+from perception.evaluate.ray_scene import hidden, ray_scene
 from perception.evaluate.reference import Reference
 
 LEAST = 0.2
 SHARP_PX = 1.0
 """Motion over the exposure that costs nothing."""
-LIFT_M = 0.01
-"""A ray to a place ends this far before it, so that its own triangle does not hide it."""
 STEREO_PICTURES = 3
 """A place needs this many pictures to be reconstructed with confidence."""
 
@@ -82,7 +79,7 @@ def inspect(reference: Reference, shots: Iterable[Shot], asked: Asked) -> Inspec
     count = np.zeros(n, dtype=np.int64)
     for shot in shots:
         there, gsd, motion = _in_picture(reference, shot, asked)
-        clear = ~_hidden(scene, shot.position_enu_m, reference.samples_enu_m[there])
+        clear = ~hidden(scene, shot.position_enu_m, reference.samples_enu_m[there])
         there, gsd, motion = there[clear], gsd[clear], motion[clear]
         q = np.minimum(SHARP_PX / np.maximum(motion, 1e-9), 1.0) * np.minimum(asked.gsd_m / gsd, 1.0)
         quality[there] = np.maximum(quality[there], np.where(q >= LEAST, q, 0.0))
@@ -119,12 +116,3 @@ def _in_picture(reference: Reference, shot: Shot, asked: Asked) -> tuple[NDArray
     motion = shot.speed_m_s * asked.exposure_s * max(camera.fx_px, camera.fy_px) / local[there, 2]
     return there, gsd, motion
 
-
-def _hidden(scene: o3d.t.geometry.RaycastingScene, eye_enu_m: Array, points_enu_m: Array) -> NDArray[np.bool_]:
-    """(n,) whether something lies between a camera and each of the points (n, 3)."""
-    away = points_enu_m - eye_enu_m
-    length = np.linalg.norm(away, axis=1, keepdims=True)
-    reach = away * np.clip(1.0 - LIFT_M / np.maximum(length, 1e-9), 0.0, None)
-    rays = np.concatenate([np.broadcast_to(eye_enu_m, points_enu_m.shape), reach], axis=1, dtype=np.float32)
-    hidden: NDArray[np.bool_] = scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), tnear=0.0, tfar=1.0).numpy()
-    return hidden

@@ -17,8 +17,9 @@ def logits(known: Floats, mean: Floats, scale: Floats, first: Floats, first_bias
     """(n,) from known (inputs, n): two hidden layers with ReLU. first (inputs, hidden), second (hidden, hidden),
     last (hidden,)."""
     result = np.empty(known.shape[1], np.float32)
+    a, b = np.empty_like(first_bias), np.empty_like(second_bias)
     for voxel in range(known.shape[1]):
-        a, b = first_bias.copy(), second_bias.copy()
+        a[:], b[:] = first_bias, second_bias
         for j in range(known.shape[0]):
             x = (known[j, voxel] - mean[j]) * scale[j]
             for h in range(len(a)):

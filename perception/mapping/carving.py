@@ -21,41 +21,47 @@ def trace(start: Array, directions: Array, free_until: Array, ray_area: Array,
     ray_area: (n,) cross-section of a ray at distance 1 voxel, in voxel faces.
     free_area: (nx, ny, nz) accumulator in 1 / AREA_UNIT faces, zero at first; touched: flat indices of voxels reached.
     """
-    shape = np.array(free_area.shape)
+    nx, ny, nz = free_area.shape
     flat = free_area.reshape(-1)
     count = 0
     for ray in range(directions.shape[0]):
-        entry, leave = _clip(start, directions[ray], shape, free_until[ray])
+        until, area = free_until[ray], ray_area[ray]
+        entry, leave = _clip(start, directions[ray], free_area.shape, until)
         if entry >= leave:
             continue
-        cell, step, next_t, delta = _begin(start, directions[ray], entry, shape)
+        i, step_i, t_i, span_i = _begin(start[0], directions[ray, 0], entry, nx)
+        j, step_j, t_j, span_j = _begin(start[1], directions[ray, 1], entry, ny)
+        k, step_k, t_k, span_k = _begin(start[2], directions[ray, 2], entry, nz)
         t = entry
         while t < leave:
-            axis = 0
-            if next_t[1] < next_t[axis]:
-                axis = 1
-            if next_t[2] < next_t[axis]:
-                axis = 2
-            end = next_t[axis]
-            if end > free_until[ray]:
+            end = min(t_i, min(t_j, t_k))
+            if end > until:
                 break
-            index = (cell[0] * shape[1] + cell[1]) * shape[2] + cell[2]
+            index = (i * ny + j) * nz + k
             middle = 0.5 * (t + end)
-            amount = int(ray_area[ray] * middle * middle * (end - t) * AREA_UNIT) + 1
+            amount = int(area * middle * middle * (end - t) * AREA_UNIT) + 1
             if flat[index] == 0:
                 touched[count] = index
                 count += 1
             flat[index] += amount
             t = end
-            next_t[axis] += delta[axis]
-            cell[axis] += step[axis]
-            if cell[axis] < 0 or cell[axis] >= shape[axis]:
-                break
+            if t_i <= end:
+                t_i, i = t_i + span_i, i + step_i
+                if i < 0 or i >= nx:
+                    break
+            elif t_j <= end:
+                t_j, j = t_j + span_j, j + step_j
+                if j < 0 or j >= ny:
+                    break
+            else:
+                t_k, k = t_k + span_k, k + step_k
+                if k < 0 or k >= nz:
+                    break
     return count
 
 
 @compiled
-def _clip(start: Array, direction: Array, shape: NDArray[np.int64], reach: float) -> tuple[float, float]:
+def _clip(start: Array, direction: Array, shape: tuple[int, int, int], reach: float) -> tuple[float, float]:
     """Where a ray enters and leaves the grid."""
     entry, leave = 0.0, reach
     for axis in range(3):
@@ -69,19 +75,11 @@ def _clip(start: Array, direction: Array, shape: NDArray[np.int64], reach: float
 
 
 @compiled
-def _begin(start: Array, direction: Array, entry: float,
-           shape: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
-    """First cell, steps, distance to the first crossing per axis and distance between crossings."""
-    cell, step = np.empty(3, np.int64), np.empty(3, np.int64)
-    next_t, delta = np.empty(3), np.empty(3)
-    for axis in range(3):
-        at = start[axis] + entry * direction[axis]
-        cell[axis] = min(max(int(np.floor(at)), 0), shape[axis] - 1)
-        step[axis] = 1 if direction[axis] > 0.0 else -1
-        if direction[axis] == 0.0:
-            next_t[axis], delta[axis] = np.inf, np.inf
-        else:
-            wall = cell[axis] + (1 if step[axis] > 0 else 0)
-            next_t[axis] = (wall - start[axis]) / direction[axis]
-            delta[axis] = abs(1.0 / direction[axis])
-    return cell, step, next_t, delta
+def _begin(start: float, direction: float, entry: float, size: int) -> tuple[int, int, float, float]:
+    """Along one axis: first cell, step, distance to the first crossing and between crossings."""
+    cell = min(max(int(np.floor(start + entry * direction)), 0), size - 1)
+    if direction == 0.0:
+        return cell, -1, np.inf, np.inf
+    step = 1 if direction > 0.0 else -1
+    wall = cell + (1 if step > 0 else 0)
+    return cell, step, (wall - start) / direction, abs(1.0 / direction)

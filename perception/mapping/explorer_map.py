@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,7 @@ class ExplorerMap:
         self.voxels = VoxelMap(lower_enu_m, upper_enu_m, voxel_m, map_settings)
         self._depths = PictureDepths(sweep_settings, sources, min_sources, workers)
         self._integrated: dict[int, DepthMap] = {}
+        self._workers = workers
 
     def add_picture(self, rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> int:
         """Takes a picture (h, w, 3) in; returns its index. Nothing is mapped before `update`."""
@@ -36,13 +39,13 @@ class ExplorerMap:
     def update(self) -> list[int]:
         """Maps every picture that has enough sources by now; indices of pictures mapped or mapped anew."""
         mapped = self._depths.update()
-        for i in mapped:
-            if i in self._integrated:
-                self.voxels.integrate(self._integrated[i], sign=-1)
-            depth = self._depths.depth(i)
-            assert depth is not None
-            self._integrated[i] = depth
-            self.voxels.integrate(depth)
+        now = {i: depth for i in mapped if (depth := self._depths.depth(i)) is not None}
+        out = [self._integrated[i] for i in mapped if i in self._integrated]
+        with ThreadPoolExecutor(self._workers) as pool:
+            for evidence, sign in zip(pool.map(self.voxels.evidence, [*out, *now.values()]),
+                                      [-1] * len(out) + [1] * len(now), strict=True):
+                self.voxels.add(evidence, sign)
+        self._integrated |= now
         return mapped
 
     def depth(self, index: int) -> DepthMap | None:
@@ -52,6 +55,10 @@ class ExplorerMap:
     def mark_free(self, lower_enu_m: Array, upper_enu_m: Array) -> None:
         """Declares a box free that is known to be, such as a take-off column."""
         self.voxels.mark_free(lower_enu_m, upper_enu_m)
+
+    def hold_free(self, known: VoxelGrid, from_enu_m: Array, to_enu_m: Array, radius_m: float) -> None:
+        """What an earlier map knew to be free around a way that was flown stays so until it is seen to be solid."""
+        self.voxels.hold_free(known, from_enu_m, to_enu_m, radius_m)
 
     def grid(self) -> VoxelGrid:
         """Free, occupied, unknown."""

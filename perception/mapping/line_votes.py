@@ -8,6 +8,8 @@ elsewhere.
 
 from __future__ import annotations
 
+from functools import reduce
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +47,8 @@ def line_strength(rgb: NDArray[np.uint8]) -> Strengths:
     bright, dark = (cv2.morphologyEx(rgb, hat, np.ones((3, 3), np.uint8))
                     for hat in (cv2.MORPH_TOPHAT, cv2.MORPH_BLACKHAT))
     thin = np.maximum(bright, dark)
-    contrast = thin.max(axis=2)[: 2 * h, : 2 * w].reshape(h, 2, w, 2).max(axis=(1, 3)).astype(np.float32)
+    strongest = reduce(np.maximum, cv2.split(thin))[: 2 * h, : 2 * w]
+    contrast = reduce(np.maximum, [strongest[i::2, j::2] for i in (0, 1) for j in (0, 1)]).astype(np.float32)
     mean = cv2.blur(contrast, (AROUND, AROUND))
     spread = np.sqrt(np.maximum(cv2.blur(contrast * contrast, (AROUND, AROUND)) - mean * mean, 0.0)) + NOISE_DN
     angle, along = np.pi * np.arange(ANGLES) / ANGLES, np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
@@ -60,9 +63,18 @@ def _best_lines(contrast: Image, dx: NDArray[np.int64], dy: NDArray[np.int64], s
     """Sum of the contrast along the best line through each pixel, over the root of its length."""
     h, w = contrast.shape
     angles, length = dx.shape
+    flat, along = contrast.reshape(-1), dy * w + dx
+    whole = np.float32(np.sqrt(length))
     for y in range(h):
         for x in range(w):
             if contrast[y, x] < SEEN:
+                continue
+            if HALF_LENGTH <= y < h - HALF_LENGTH and HALF_LENGTH <= x < w - HALF_LENGTH:
+                for a in range(angles):
+                    total = np.float32(0.0)
+                    for k in range(length):
+                        total += flat[np.uint64(y * w + x + along[a, k])]
+                    strength[y, x] = max(strength[y, x], total / whole)
                 continue
             for a in range(angles):
                 total, n = np.float32(0.0), 0
@@ -80,25 +92,30 @@ class LineVotes:
 
     def __init__(self, points_enu_m: Array, reach_m: float) -> None:
         """For points (n, 3); pictures from farther away than reach_m have no vote."""
-        self._points, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
+        self.points_enu_m, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
         self._sums = np.zeros(len(points_enu_m), np.int32)
+        self._counts = np.zeros(len(points_enu_m), np.int32)
 
-    def add(self, rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> None:
-        """A picture (h, w, 3) votes."""
-        strength = line_strength(rgb)
+    def add(self, strength: Strengths, camera: Camera, pose: Pose) -> None:
+        """A picture votes by the `line_strength` of it."""
         levels = np.stack([cv2.dilate(strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
-        _vote(self._points, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
-              camera.matrix, levels, self._reach_m, self._sums)
+        _vote(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
+              camera.matrix, levels, self._reach_m, self._sums, self._counts)
 
     @property
     def sigmas(self) -> Array:
         """(n,) how much speaks for a wire near each point, as a sum of standard deviations; negative: none."""
         return self._sums / UNIT
 
+    @property
+    def counts(self) -> Counts:
+        """(n,) pictures that voted on each point."""
+        return self._counts
+
 
 @compiled
 def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, reach: float,
-          sums: Counts) -> None:
+          sums: Counts, counts: Counts) -> None:
     """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far."""
     _, h, w = levels.shape
     for i in range(len(points)):
@@ -112,4 +129,5 @@ def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         column = int(np.floor(0.5 * (matrix[0, 0] * right / depth + matrix[0, 2])))
         row = int(np.floor(0.5 * (matrix[1, 1] * down / depth + matrix[1, 2])))
         if 2 <= column < w - 2 and 2 <= row < h - 2:
+            counts[i] += 1
             sums[i] += levels[0 if distance < NEAR_M else 1, row, column] - int(UNLIKELY * UNIT)

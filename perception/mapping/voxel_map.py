@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from missions.camera import Camera
 from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
 from perception.depth.depth_map import DepthMap
@@ -48,6 +51,26 @@ class MapSettings:
     what is solid hangs on something, and a stray depth is the likelier cause."""
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """What one depth map says of the voxels, by flat number."""
+
+    hit: NDArray[np.int64]
+    """(n,) with points in them."""
+    offset: NDArray[np.int64]
+    """(n, 3) sum of where in the voxel the points are, in 1 / QUANTUM."""
+    view: NDArray[np.int64]
+    """(n, 3) likewise of the directions that they were seen from."""
+    pixels: NDArray[np.int32]
+    """(n,) points."""
+    free: NDArray[np.int64]
+    """(m,) seen to be free."""
+    area: NDArray[np.int32]
+    """(m,) how much of their cross-section was swept, in 1 / AREA_UNIT."""
+    span: tuple[NDArray[np.int64], NDArray[np.int64]] | None
+    """First and last + 1 index of the part of the grid that it concerns."""
+
+
 class VoxelMap:
     """Free, occupied and unknown space inside a box, from depth maps with poses."""
 
@@ -66,28 +89,51 @@ class VoxelMap:
         self._offset_sum = np.zeros((size, 3), np.int64)
         self._view_sum = np.zeros((size, 3), np.int64)
         self._free_area = np.zeros(shape, np.int32)
-        self._swept = np.zeros(shape, np.int32)
-        self._touched = np.zeros(size, np.int64)
         self._reached = np.array(shape), np.zeros(3, np.int64)
         """First and last + 1 index of the part of the grid that any evidence concerns."""
         self._latest: VoxelGrid | None = None
 
     def integrate(self, depth: DepthMap, sign: int = 1) -> None:
         """Adds a depth map's evidence; sign = -1 takes exactly the same evidence out again."""
+        self.add(self.evidence(depth), sign)
+
+    def evidence(self, depth: DepthMap) -> Evidence:
+        """What a depth map says. Changes nothing, so that several threads may ask at a time."""
         direction, forward = _rays(depth)
         start = np.array(depth.pose.position_enu_m)
-        hit = self._add_hits(depth, start, direction, forward, sign)
+        hit, offset, view, pixels = self._hits(depth, start, direction, forward)
         reach = self._free_until(depth, forward)
         use = reach > 0
-        area = forward[use] ** 3 / (depth.camera.fx_px * depth.camera.fy_px)
+        ray_area = forward[use] ** 3 / (depth.camera.fx_px * depth.camera.fy_px)
         origin, voxel = self._blank.origin_enu_m, self._blank.voxel_m
-        count = carving.trace((start - origin) / voxel, direction[use], reach[use] / voxel, area,
-                              self._swept, self._touched)
-        self._add_free(self._touched[:count], hit, sign)
-        for flat in (self._touched[:count], hit):
-            if len(flat):
-                index = np.stack(np.unravel_index(flat, self._blank.state.shape))
-                self._reach(index.min(axis=1), index.max(axis=1) + 1)
+        swept, touched = np.zeros(self._blank.state.shape, np.int32), np.empty(self._blank.state.size, np.int64)
+        count = carving.trace((start - origin) / voxel, direction[use], reach[use] / voxel, ray_area, swept, touched)
+        touched = touched[:count]
+        swept.reshape(-1)[hit] = 0  # what is hit was not seen to be free
+        area = np.minimum(swept.reshape(-1)[touched], carving.AREA_UNIT)
+        free = area >= self.settings.min_swept * carving.AREA_UNIT
+        span = self._span(np.concatenate([touched, hit]))
+        return Evidence(hit, offset, view, pixels, touched[free], area[free], span)
+
+    def add(self, evidence: Evidence, sign: int) -> None:
+        """Adds it, or takes it out (-1)."""
+        e = evidence
+        for total, values in ((self._offset_sum, e.offset), (self._view_sum, e.view)):
+            total[e.hit] += sign * values
+        self.hit_pixels.reshape(-1)[e.hit] += sign * e.pixels
+        self.hit_pictures.reshape(-1)[e.hit[e.pixels >= self.settings.min_hit_pixels]] += sign
+        self.touched_pictures.reshape(-1)[e.hit] += sign
+        self.free_pictures.reshape(-1)[e.free] += sign
+        self._free_area.reshape(-1)[e.free] += sign * e.area
+        if e.span is not None:
+            self._reach(*e.span)
+
+    def _span(self, flat: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+        """First and last + 1 index of voxels; None of none."""
+        if not len(flat):
+            return None
+        index = np.stack(np.unravel_index(flat, self._blank.state.shape))
+        return index.min(axis=1), index.max(axis=1) + 1
 
     def mark_free(self, lower_enu_m: Array, upper_enu_m: Array) -> None:
         """Declares every voxel that touches the box free: a take-off column, a place flown through."""
@@ -95,6 +141,20 @@ class VoxelMap:
         high = np.maximum(self._blank.index(np.asarray(upper_enu_m, float)) + 1, 0)
         self._declared_free[low[0]:high[0], low[1]:high[1], low[2]:high[2]] = True
         self._reach(low, high)
+
+    def hold_free(self, known: VoxelGrid, from_enu_m: Array, to_enu_m: Array, radius_m: float) -> None:
+        """What an earlier map knew to be free within radius_m of a straight way (3,) to (3,) stays so until it is seen
+        to be solid."""
+        low = np.maximum(known.index(np.minimum(from_enu_m, to_enu_m) - radius_m), 0)
+        high = np.maximum(known.index(np.maximum(from_enu_m, to_enu_m) + radius_m) + 1, 0)
+        box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+        voxels = np.argwhere((known.state[box] == FREE) & ~self._declared_free[box]) + low
+        offset, way = known.centers(voxels) - from_enu_m, to_enu_m - from_enu_m
+        share = np.clip(offset @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+        near = voxels[np.linalg.norm(offset - share[:, None] * way, axis=1) <= radius_m]
+        if len(near):
+            self._declared_free[tuple(near.T)] = True
+            self._reach(near.min(axis=0), near.max(axis=0) + 1)
 
     def grid(self) -> VoxelGrid:
         """The map as planning sees it, not to be written to."""
@@ -153,18 +213,8 @@ class VoxelMap:
         result: Array = np.where(depth.valid.reshape(-1), seen, np.where(open_.reshape(-1), s.sky_range_m, 0.0))
         return result
 
-    def _add_free(self, touched: NDArray[np.int64], hit: NDArray[np.int64], sign: int) -> None:
-        """Adds what one picture swept, except in voxels that it hit, and clears the scratch array."""
-        swept = self._swept.reshape(-1)
-        area = np.minimum(swept[touched], carving.AREA_UNIT)
-        swept[touched] = 0
-        counts = (area >= self.settings.min_swept * carving.AREA_UNIT) & ~np.isin(touched, hit)
-        self.free_pictures.reshape(-1)[touched[counts]] += sign
-        self._free_area.reshape(-1)[touched[counts]] += sign * area[counts]
-
-    def _add_hits(self, depth: DepthMap, start: Array, direction: Array, forward: Array,
-                  sign: int) -> NDArray[np.int64]:
-        """Sums up the measured points; flat indices of the voxels that this picture hit."""
+    def _hits(self, depth: DepthMap, start: Array, direction: Array, forward: Array) -> tuple[NDArray[Any], ...]:
+        """The first four of `Evidence`."""
         s = self.settings
         distance = depth.depth_m.reshape(-1) / forward
         use = depth.valid.reshape(-1) & (distance <= s.sensing_range_m)
@@ -175,22 +225,23 @@ class VoxelMap:
         index, cell, towards = index[inside], cell[inside], -direction[use][inside]
         flat = np.ravel_multi_index(tuple(index.T), self._blank.state.shape)
         voxels, inverse, pixels = np.unique(flat, return_inverse=True, return_counts=True)
-        for total, value in ((self._offset_sum, cell - index), (self._view_sum, towards)):
-            quantised = np.round(value * QUANTUM)
-            for axis in range(3):
-                total[voxels, axis] += sign * np.bincount(inverse, quantised[:, axis], len(voxels)).astype(np.int64)
-        self.hit_pixels.reshape(-1)[voxels] += sign * pixels.astype(np.int32)
-        self.hit_pictures.reshape(-1)[voxels[pixels >= s.min_hit_pixels]] += sign
-        self.touched_pictures.reshape(-1)[voxels] += sign
-        result: NDArray[np.int64] = voxels
-        return result
+        sums = [np.stack([np.bincount(inverse, quantised[:, axis], len(voxels)).astype(np.int64) for axis in range(3)],
+                         axis=1) for quantised in (np.round(value * QUANTUM) for value in (cell - index, towards))]
+        return voxels, *sums, pixels.astype(np.int32)
 
 
 def _rays(depth: DepthMap) -> tuple[Array, Array]:
     """(n, 3) unit directions in ENU of all pixels, and (n,) their component along the optical axis."""
-    local = depth.camera.rays_camera().reshape(-1, 3)
+    local, forward = _camera_rays(depth.camera)
+    return local @ depth.pose.enu_from_camera.T, forward
+
+
+@lru_cache(maxsize=4)
+def _camera_rays(camera: Camera) -> tuple[Array, Array]:
+    """As `_rays`, in the camera's axes."""
+    local = camera.rays_camera().reshape(-1, 3)
     length = np.linalg.norm(local, axis=1)
-    return (local / length[:, None]) @ depth.pose.enu_from_camera.T, 1.0 / length
+    return local / length[:, None], 1.0 / length
 
 
 def specks(state: NDArray[np.uint8], voxels: int) -> NDArray[np.bool_]:

@@ -21,6 +21,7 @@ import numpy as np
 from missions.frames import Array, matrix_from_quaternion, quaternion_from_matrix
 from perception.reconstruct.bundle import Adjusted
 from perception.reconstruct.colmap_model import write_model
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 
 
@@ -63,6 +64,11 @@ class AlignedPose(msgspec.Struct, frozen=True):
         """(3, 3) rotation."""
         return matrix_from_quaternion(np.array([self.qw, self.qx, self.qy, self.qz]))
 
+    @property
+    def trusted(self) -> bool:
+        """Whether it was aligned together with most others."""
+        return self.state == "aligned" and self.group == 0
+
     def applied(self, picture: SurveyPicture) -> SurveyPicture:
         """The picture with this pose."""
         return replace(picture, enu_from_camera=self.enu_from_camera, position_enu_m=self.position_enu_m)
@@ -76,6 +82,11 @@ class Alignment:
     poses: list[AlignedPose]
     numbers: dict[str, Any]
 
+    @property
+    def optics(self) -> Optics:
+        """The camera that the poses go with."""
+        return Optics.from_numbers(self.numbers["camera"])
+
 
 def write_alignment(folder: Path, key: str, pictures: list[SurveyPicture], poses: list[AlignedPose],
                     found: Adjusted) -> None:
@@ -86,7 +97,7 @@ def write_alignment(folder: Path, key: str, pictures: list[SurveyPicture], poses
         writer.writerow(AlignedPose.__struct_fields__)
         writer.writerows(msgspec.structs.astuple(p) for p in poses)
     write_model(folder, [p.applied(q) for p, q in zip(poses, pictures, strict=True)], found)
-    document = {"key": key, **_numbers(poses, found, pictures)}
+    document = {"key": key, **_numbers(poses, found)}
     (folder / "alignment.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
 
 
@@ -114,15 +125,16 @@ def alignment_numbers(folder: Path) -> dict[str, Any] | None:
     return numbers
 
 
-def _numbers(poses: list[AlignedPose], found: Adjusted, pictures: list[SurveyPicture]) -> dict[str, Any]:
+def _numbers(poses: list[AlignedPose], found: Adjusted) -> dict[str, Any]:
     aligned = [p for p in poses if p.state == "aligned"]
     moved, turned = ([getattr(p, name) for p in aligned] or [0.0] for name in ("moved_m", "turned_deg"))
-    error = found.error_px(pictures[0].camera)
+    error = found.error_px()
     return {
         "pictures": len(poses), "registered": len(aligned), "registered_share": len(aligned) / len(poses),
         "kept": {str(p.view_id): p.state for p in poses if p.state != "aligned"},
         "groups": sorted(Counter(p.group for p in aligned).values(), reverse=True),
-        "points": len(found.points_enu_m), "observations": len(error),
+        "camera": found.optics.numbers, "control_points": [c.row for c in found.control],
+ "points": len(found.points_enu_m), "observations": len(error),
         "reprojection_px": float(error.mean()) if len(error) else None,
         "moved_mean_m": float(np.mean(moved)), "moved_max_m": float(np.max(moved)),
         "turned_mean_deg": float(np.mean(turned)), "turned_max_deg": float(np.max(turned)),

@@ -6,6 +6,7 @@ A picture that cannot be aligned keeps its measured pose and is named; so are gr
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -16,26 +17,31 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
+from missions.lens import NONE, Distortion
 from perception.reconstruct.aligned_poses import AlignedPose, Alignment, read_alignment, write_alignment
-from perception.reconstruct.bundle import Accuracy, Adjusted, adjust
+from perception.reconstruct.bundle import Accuracy, Adjusted, adjust, carried_by
+from perception.reconstruct.control_points import ControlPoint
 from perception.reconstruct.features import Features, features
-from perception.reconstruct.matching import Matches, match
+from perception.reconstruct.matching import MAX_EPIPOLAR_PX, Matches, match
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pairs import overlapping
-from perception.reconstruct.pictures import SurveyPicture
-from perception.reconstruct.pipeline import (
-    Progress,
-    picture_key,
-    require_enough,
-    single_threaded_opencv,
-)
+from perception.reconstruct.pictures import SurveyPicture, picture_key, require_enough
+from perception.reconstruct.resources import single_threaded_libraries
+from perception.reconstruct.settings import Progress
+from perception.reconstruct.witnesses import features_of, of_the_first, witnesses
 
-METHOD = 2
+METHOD = 4
 """Raised whenever the poses change for the same input, so that stored ones are not taken for new ones."""
 PARTNERS = 20
+LONELY = 60
+"""A picture with fewer, whomever it was tried with, gets exploration's pictures beside it."""
 FEW_MATCHES = 150
 """A picture with fewer is tried with all that overlap it, not with its best partners alone."""
 BAND_SIGMAS = 4.5
 MIN_BAND_PX = 6.0
+UNKNOWN_LENS_PX, UNKNOWN_LENS_EPIPOLAR_PX = 60.0, 12.0
+"""A lens that nobody has measured puts points as far from where a pinhole would, in a picture 1920 pixels wide: at
+most, and where most of them are."""
 MIN_POINTS = 30
 """A picture that sees fewer keeps its measured pose."""
 MAX_SIGMAS = 5.0
@@ -45,59 +51,110 @@ MIN_SHARED = 10
 
 
 def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, folder: Path, threads: int = 3,
-          progress: Progress = lambda stage, done, total: None) -> Alignment:
+          progress: Progress = lambda stage, done, total: None, lens: Distortion = NONE,
+          calibrate: bool = False, control: Sequence[ControlPoint] = (),
+          explored: Sequence[SurveyPicture] = ()) -> Alignment:
     """The pictures with aligned poses, in the same order; deterministic, whatever the number of threads.
 
-    distance_m: usual distance of the surface. The result is kept in folder (see `aligned_poses`) and taken from there
-    when the same pictures and poses come again. `progress` is told "features", "match" and "adjust".
+    distance_m: usual distance of the surface. lens: distortion of the camera. calibrate: find focal length and
+    distortion as well, from those given on. control: surveyed points, pictures numbered as they are given. explored:
+    pictures through the same lens that stand by where survey pictures have too few neighbours. The result is kept in
+    folder (see `aligned_poses`) and taken from there when the same pictures and poses come again. `progress` is told
+    "features", "match" and "adjust".
     Raises UserError when there are fewer than three pictures or one cannot be read.
     """
     require_enough(pictures)
-    key = _key(pictures, accuracy, distance_m)
+    key = _key(pictures, accuracy, f"{distance_m} {lens} {calibrate} {list(control)} "
+                                   f"{picture_key(list(explored))}")
     stored = read_alignment(folder, pictures, key)
     if stored is not None:
         return stored
     band_px = max(MIN_BAND_PX, BAND_SIGMAS * accuracy.pixels(pictures[0].camera, distance_m))
-    with single_threaded_opencv(), ThreadPoolExecutor(threads) as pool:
+    with single_threaded_libraries(), ThreadPoolExecutor(threads) as pool:
         seen = []
         for found in pool.map(features, pictures):
             seen.append(found)
             progress("features", len(seen), len(pictures))
-        matches = _matches(pictures, seen, distance_m, band_px, pool, progress)
+        optics = Optics(pictures[0].camera, lens)
+        if calibrate:
+            optics = _calibrated(pictures, seen, optics, accuracy, distance_m, band_px, pool, progress)
+        matches = _matches(pictures, seen, optics, distance_m, band_px, MAX_EPIPOLAR_PX, pool, progress)
+        lonely = np.flatnonzero(_matched(matches, len(pictures)) < LONELY)
+        beside = witnesses([pictures[i] for i in lonely], list(explored), distance_m)
+        everything = [*pictures, *(replace(w, camera=pictures[0].camera) for w in beside)]
+        seen += list(pool.map(lambda w: features_of(w, pictures[0].camera), beside))
+        new = [*lonely.tolist(), *range(len(pictures), len(everything))] if beside else []
+        more = _pairs(everything, distance_m, PARTNERS, new) - matches.keys()
+        matches |= _match_pairs(more, everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
+                                lambda done, total: progress("match", done, total))
     progress("adjust", 0, 1)
-    adjusted = adjust(pictures, seen, matches, accuracy, 0.5 * band_px)
-    write_alignment(folder, key, pictures, _judged(pictures, adjusted, accuracy), adjusted)
+    adjusted = of_the_first(adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate,
+                                   list(control)), len(pictures))
+    measured = pictures if adjusted.carried is None else carried_by(adjusted.carried, pictures)
+    write_alignment(folder, key, pictures, _judged(measured, adjusted, accuracy), adjusted)
     progress("adjust", 1, 1)
     written = read_alignment(folder, pictures, key)
     assert written is not None
     return written
 
 
-def _key(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float) -> str:
+def _calibrated(pictures: list[SurveyPicture], seen: list[Features], optics: Optics, accuracy: Accuracy,
+                distance_m: float, band_px: float, pool: ThreadPoolExecutor, progress: Progress) -> Optics:
+    """The lens to match with: found from matches that an unknown lens may put far from where they belong."""
+    share = optics.camera.width_px / 1920.0
+    matches = _matches(pictures, seen, optics, distance_m, band_px + UNKNOWN_LENS_PX * share,
+                       UNKNOWN_LENS_EPIPOLAR_PX * share, pool, lambda _, done, total: progress("lens", done, total))
+    first_px = 0.5 * (band_px + UNKNOWN_LENS_PX * share)
+    return adjust(pictures, seen, matches, accuracy, first_px, optics, calibrate=True).optics
+
+
+def _key(pictures: list[SurveyPicture], accuracy: Accuracy, wishes: str) -> str:
     """Hash of everything that the alignment depends on."""
-    about = f"{METHOD} {accuracy.position_m} {accuracy.attitude_rad} {distance_m} {picture_key(pictures)}"
+    about = f"{METHOD} {accuracy.position_m} {accuracy.attitude_rad} {wishes} {picture_key(pictures)}"
     return hashlib.sha256(about.encode()).hexdigest()[:12]
 
 
-def _matches(pictures: list[SurveyPicture], seen: list[Features], distance_m: float, band_px: float,
-             pool: ThreadPoolExecutor, progress: Progress) -> dict[tuple[int, int], Matches]:
+def _matches(pictures: list[SurveyPicture], seen: list[Features], optics: Optics, distance_m: float, band_px: float,
+             epipolar_px: float, pool: ThreadPoolExecutor, progress: Progress) -> dict[tuple[int, int], Matches]:
     """Matches by pair, of each picture with its best partners, and with more where that gives too few."""
     matches: dict[tuple[int, int], Matches] = {}
     tried: set[tuple[int, int]] = set()
     for count in (PARTNERS, len(pictures)):
         few = np.ones(len(pictures)) if count == PARTNERS else _matched(matches, len(pictures)) < FEW_MATCHES
-        near = overlapping(pictures, distance_m, count)
-        pairs = sorted({(min(i, j), max(i, j)) for i in np.flatnonzero(few).tolist() for j in near[i]} - tried)
-        tried |= set(pairs)
+        pairs = _pairs(pictures, distance_m, count, np.flatnonzero(few).tolist()) - tried
+        done_before = len(tried)
+        tried |= pairs
 
-        def one(pair: tuple[int, int]) -> Matches:
-            i, j = pair
-            return match(pictures[i], pictures[j], seen[i], seen[j], band_px)
+        def tell(done: int, total: int, before: int = done_before) -> None:
+            progress("match", before + done, before + total)
 
-        for done, (pair, found) in enumerate(zip(pairs, pool.map(one, pairs), strict=True), start=1):
-            if len(found):
-                matches[pair] = found
-            progress("match", len(tried) - len(pairs) + done, len(tried))
+        matches |= _match_pairs(pairs, pictures, seen, optics, band_px, epipolar_px, pool, tell)
+    return matches
+
+
+def _pairs(pictures: list[SurveyPicture], distance_m: float, count: int, which: list[int]) -> set[tuple[int, int]]:
+    """Which of the pictures (indices), each with up to count others that overlap it most."""
+    near = overlapping(pictures, distance_m, count) if which else []
+    return {(min(i, j), max(i, j)) for i in which for j in near[i]}
+
+
+def _match_pairs(pairs: set[tuple[int, int]], taken: list[SurveyPicture], found: list[Features], optics: Optics,
+                 band_px: float, epipolar_px: float, pool: ThreadPoolExecutor,
+                 tell: Callable[[int, int], None]) -> dict[tuple[int, int], Matches]:
+    """In order of the pairs; those without matches are left out."""
+    pictures = [replace(p, camera=optics.camera) for p in taken]
+    seen = [replace(f, points_px=optics.ideal(f.points_px)) for f in found]
+    matches: dict[tuple[int, int], Matches] = {}
+
+    def one(pair: tuple[int, int]) -> Matches:
+        i, j = pair
+        return match(pictures[i], pictures[j], seen[i], seen[j], band_px, epipolar_px)
+
+    ordered = sorted(pairs)
+    for done, (pair, of_pair) in enumerate(zip(ordered, pool.map(one, ordered), strict=True), start=1):
+        if len(of_pair):
+            matches[pair] = of_pair
+        tell(done, len(ordered))
     return matches
 
 

@@ -8,16 +8,19 @@ much about how the picture was turned and next to nothing about where it stood.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pycolmap
 
 from missions.camera import Camera
 from missions.frames import Array
+from missions.lens import distorted, pixels
 from missions.mission import CameraSpec
+from perception.reconstruct.control_points import ControlPoint, Found, find, similarity
 from perception.reconstruct.features import Features
-from perception.reconstruct.matching import SEED, Matches, colmap_camera
+from perception.reconstruct.matching import SEED, Matches
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 
 pycolmap.logging.minloglevel = 2
@@ -77,25 +80,33 @@ class Adjusted:
     """(o,)"""
     seen_px: Array
     """(o, 2)"""
+    optics: Optics
+    carried: pycolmap.Sim3d | None = None
+    """From where the measured poses put everything to where the control points are."""
+    control: tuple[Found, ...] = ()
 
-    def error_px(self, camera: Camera) -> Array:
+    def error_px(self) -> Array:
         """(o,) reprojection errors."""
         away = self.points_enu_m[self.point_of] - self.position_enu_m[self.picture_of]
         local = np.einsum("oji,oj->oi", self.enu_from_camera[self.picture_of], away)
-        ahead = local[:, :2] / local[:, 2:] * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
+        ahead = pixels(distorted(local[:, :2] / local[:, 2:], self.optics.lens), self.optics.camera)
         return np.asarray(np.linalg.norm(ahead - self.seen_px, axis=1))
 
 
 def adjust(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
-           accuracy: Accuracy, first_px: float) -> Adjusted:
+           accuracy: Accuracy, first_px: float, optics: Optics, calibrate: bool = False,
+           control: list[ControlPoint] | None = None) -> Adjusted:
     """Triangulate at the measured poses, adjust, and again with tighter limits; deterministic.
 
-    matches: by pair of pictures. first_px: limit of the first round. A picture without matches keeps its pose.
+    matches: by pair of pictures. first_px: limit of the first round. calibrate: focal length and distortion are found
+    along with the poses; optics is where they begin. control: points that the result is carried to as a whole, and
+    found in then. A picture without matches keeps its pose.
     """
     linked = sorted({i for pair in matches for i in pair})
     if not linked:
-        return _result(pycolmap.Reconstruction(), pictures, linked)
-    cache = pycolmap.DatabaseCache.create(_database(pictures, seen, matches, linked), pycolmap.DatabaseCacheOptions())
+        return _result(pycolmap.Reconstruction(), pictures, linked, optics)
+    database = _database(pictures, seen, matches, linked, optics.colmap(calibrate))
+    cache = pycolmap.DatabaseCache.create(database, pycolmap.DatabaseCacheOptions())
     mapper, model = pycolmap.IncrementalMapper(cache), pycolmap.Reconstruction()
     model.load(cache)
     for i in linked:
@@ -104,19 +115,31 @@ def adjust(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tu
         model.register_frame(frame.frame_id)
     mapper.begin_reconstruction(model)
     for limit in (first_px, *(px for px in LAST_ROUNDS_PX if px < first_px)):
-        _triangulate(mapper, model, pictures[0].camera, limit)
-        _solve(model, pictures, linked, accuracy)
+        _triangulate(mapper, model, optics.camera, limit)
+        _solve(model, pictures, linked, accuracy, calibrate)
         mapper.filter_points(_mapper_options(limit))
-    result = _result(model, pictures, linked)
+    carried = similarity(find(control or [], model))
+    if carried is not None:
+        model.transform(carried)
+    kept = pictures if carried is None else carried_by(carried, pictures)
+    result = replace(_result(model, kept, linked, Optics.of(model.camera(1))), carried=carried,
+                     control=tuple(find(control or [], model)))
     mapper.end_reconstruction(False)
     return result
 
 
+def carried_by(sim: pycolmap.Sim3d, pictures: list[SurveyPicture]) -> list[SurveyPicture]:
+    """The pictures where a similarity puts them."""
+    rotation, matrix = sim.rotation.matrix(), sim.matrix()
+    return [replace(p, enu_from_camera=rotation @ p.enu_from_camera,
+                    position_enu_m=matrix[:, :3] @ p.position_enu_m + matrix[:, 3]) for p in pictures]
+
+
 def _database(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
-              linked: list[int]) -> pycolmap.Database:
+              linked: list[int], camera: pycolmap.Camera) -> pycolmap.Database:
     """Picture i is image, frame and camera position i + 1; its arms are images of the same frame."""
     database = pycolmap.Database.open(":memory:")
-    cameras = [colmap_camera(pictures[0].camera), *(_arm_camera(k) for k in range(len(ARMS)))]
+    cameras = [camera, *(_arm_camera(k) for k in range(len(ARMS)))]
     rig = pycolmap.Rig(rig_id=1)
     rig.add_ref_sensor(cameras[0].sensor_id)
     for camera, arm in zip(cameras[1:], ARMS, strict=True):
@@ -191,10 +214,11 @@ def _triangulate(mapper: pycolmap.IncrementalMapper, model: pycolmap.Reconstruct
 
 
 def _solve(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked: list[int],
-           accuracy: Accuracy) -> None:
-    """One bundle adjustment of all poses and points; intrinsics stay. One thread: more would sum in any order."""
+           accuracy: Accuracy, calibrate: bool) -> None:
+    """One bundle adjustment of all poses and points, and of the camera if asked for; its principal point stays, which
+    tangential distortion makes up for. One thread: more would sum in any order."""
     options = pycolmap.BundleAdjustmentOptions(
-        refine_focal_length=False, refine_extra_params=False, refine_principal_point=False,
+        refine_focal_length=calibrate, refine_extra_params=calibrate, refine_principal_point=False,
         refine_sensor_from_rig=False, print_summary=False)
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = LOSS_PX
@@ -203,6 +227,8 @@ def _solve(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in sorted(model.reg_image_ids()):
         config.add_image(image_id)
+    for k in range(len(ARMS)):
+        config.set_constant_cam_intrinsics(_arm_camera(k).camera_id)
     prior_options = pycolmap.PosePriorBundleAdjustmentOptions()
     prior_options.alignment_ransac.random_seed = SEED
     priors = _priors(model, pictures, linked, accuracy)
@@ -226,7 +252,8 @@ def _priors(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linke
     return priors
 
 
-def _result(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked: list[int]) -> Adjusted:
+def _result(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked: list[int],
+            optics: Optics) -> Adjusted:
     """Poses and the points that pictures see; the arms are left behind."""
     rotation = np.array([p.enu_from_camera for p in pictures])
     position = np.array([p.position_enu_m for p in pictures])
@@ -243,4 +270,4 @@ def _result(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linke
                 point_of.append(len(points) - 1)
                 seen.append(model.image(e.image_id).point2D(e.point2D_idx).xy)
     return Adjusted(rotation, position, np.array(points).reshape(-1, 3), np.array(picture_of, dtype=np.int64),
-                    np.array(point_of, dtype=np.int64), np.array(seen).reshape(-1, 2))
+                    np.array(point_of, dtype=np.int64), np.array(seen).reshape(-1, 2), optics)

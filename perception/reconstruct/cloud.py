@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from missions.errors import UserError
 from missions.frames import Array
 
-ISLAND_CELL_M = 0.15
 ISLAND_POINTS = 30
+HALF_THE_NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
+"""Of a cell's 26; the others are those of its neighbours."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +47,26 @@ class Cloud:
                    np.concatenate([c.normals for c in clouds]), np.concatenate([c.confidence for c in clouds]))
 
 
+def voxels(points_enu_m: NDArray[np.float32], spacing_m: float) -> NDArray[np.int64]:
+    """Indices of the grid's voxels in which points lie, of the same shape."""
+    return np.asarray(np.floor(points_enu_m / np.float32(spacing_m)).astype(np.int64))
+
+
+def cell_numbers(points_enu_m: NDArray[np.float32], cell_m: float) -> tuple[NDArray[np.int64], int, int]:
+    """(n,) numbers of the cells that points (n, 3) lie in, and by how much a neighbour's number along the first and the
+    second axis is larger; along the third it is the next one."""
+    index = np.floor(points_enu_m / cell_m).astype(np.int64)
+    index -= index.min(axis=0) - 1
+    # a rim of one, so that a neighbour's number never is that of a cell at the other end of a row
+    _, rows, layers = (int(n) for n in index.max(axis=0) + 2)
+    return (index[:, 0] * rows + index[:, 1]) * layers + index[:, 2], rows * layers, layers
+
+
 def on_grid(cloud: Cloud, spacing_m: float) -> Cloud:
     """One point per occupied voxel, at its members' mean weighted by confidence; the largest confidence counts."""
     if not len(cloud):
         return cloud
-    index = np.floor(cloud.points_enu_m / np.float32(spacing_m)).astype(np.int64)
+    index = voxels(cloud.points_enu_m, spacing_m)
     index -= index.min(axis=0)
     shape = index.max(axis=0) + 1
     key = (index[:, 0] * shape[1] + index[:, 1]) * shape[2] + index[:, 2]
@@ -67,17 +85,20 @@ def on_grid(cloud: Cloud, spacing_m: float) -> Cloud:
                  normals.astype(np.float32), np.maximum.reduceat(cloud.confidence[order], start))
 
 
-def without_islands(cloud: Cloud, cell_m: float = ISLAND_CELL_M, least_points: int = ISLAND_POINTS) -> Cloud:
+def without_islands(cloud: Cloud, cell_m: float, least_points: int = ISLAND_POINTS) -> Cloud:
     """Drop groups of fewer than `least_points` points that touch nothing else at a resolution of cell_m."""
     if not len(cloud):
         return cloud
-    index = np.floor(cloud.points_enu_m / cell_m).astype(np.int64)
-    index -= index.min(axis=0)
-    occupied = np.zeros(tuple(index.max(axis=0) + 1), dtype=bool)
-    occupied[tuple(index.T)] = True
-    groups, count = ndimage.label(occupied, structure=np.ones((3, 3, 3)))
-    group = groups[tuple(index.T)]
-    return cloud.select(np.bincount(group, minlength=count + 1)[group] >= least_points)
+    numbers, across, along = cell_numbers(cloud.points_enu_m, cell_m)
+    cells, cell_of = np.unique(numbers, return_inverse=True)
+    steps = [dx * across + dy * along + dz for dx, dy, dz in HALF_THE_NEIGHBOURS]
+    ends = [np.searchsorted(cells, cells + step) for step in steps]
+    touching = [np.flatnonzero(np.take(cells, end, mode="clip") == cells + step)
+                for end, step in zip(ends, steps, strict=True)]
+    first, second = np.concatenate(touching), np.concatenate([e[t] for e, t in zip(ends, touching, strict=True)])
+    graph = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(len(cells), len(cells)))
+    group = connected_components(graph, directed=False)[1][cell_of]
+    return cloud.select(np.bincount(group)[group] >= least_points)
 
 
 def write_cloud(cloud: Cloud, path: Path) -> None:

@@ -12,17 +12,19 @@ import numpy as np
 
 from missions.frames import quaternion_from_matrix
 from perception.reconstruct.bundle import Adjusted
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 
 MODEL_FILES = ("cameras.txt", "images.txt", "points3D.txt")
 
 
-def write_model(folder: Path, pictures: list[SurveyPicture], found: Adjusted | None = None) -> None:
-    """MODEL_FILES of pictures that share one camera. found: points of the same pictures and who saw them, if known."""
-    camera = pictures[0].camera
-    seen = _no_points(pictures) if found is None else found
-    intrinsics = " ".join(repr(float(v)) for v in (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px))
-    (folder / "cameras.txt").write_text(f"1 PINHOLE {camera.width_px} {camera.height_px} {intrinsics}\n",
+def write_model(folder: Path, pictures: list[SurveyPicture], found: Adjusted | Optics) -> None:
+    """MODEL_FILES of pictures that share one camera. found: its optics, alone or with points of the same pictures and
+    who saw them."""
+    seen = _no_points(pictures, found) if isinstance(found, Optics) else found
+    camera = seen.optics.colmap(with_lens=False)
+    intrinsics = " ".join(repr(float(v)) for v in camera.params)
+    (folder / "cameras.txt").write_text(f"1 {camera.model_name} {camera.width} {camera.height} {intrinsics}\n",
                                         encoding="ascii")
     tracks: list[list[str]] = [[] for _ in seen.points_enu_m]
     with (folder / "images.txt").open("w", encoding="utf-8") as f:
@@ -35,7 +37,7 @@ def write_model(folder: Path, pictures: list[SurveyPicture], found: Adjusted | N
             f.write(" ".join([str(i + 1), *(repr(float(v)) for v in (*q, *t)), "1", p.path.name]) + "\n")
             f.write(" ".join(f"{x:.3f} {y:.3f} {k + 1}" for (x, y), k in
                              zip(seen.seen_px[mine], seen.point_of[mine], strict=True)) + "\n")
-    error = np.bincount(seen.point_of, seen.error_px(camera), len(tracks)) / np.maximum(
+    error = np.bincount(seen.point_of, seen.error_px(), len(tracks)) / np.maximum(
         np.bincount(seen.point_of, minlength=len(tracks)), 1)
     with (folder / "points3D.txt").open("w", encoding="ascii") as f:
         for k, (point, track) in enumerate(zip(seen.points_enu_m, tracks, strict=True)):
@@ -43,8 +45,8 @@ def write_model(folder: Path, pictures: list[SurveyPicture], found: Adjusted | N
             f.write(" ".join([str(k + 1), *where, "128 128 128", f"{error[k]:.4f}", *track]) + "\n")
 
 
-def _no_points(pictures: list[SurveyPicture]) -> Adjusted:
+def _no_points(pictures: list[SurveyPicture], optics: Optics) -> Adjusted:
     """The poses alone."""
     nobody = np.zeros(0, np.int64)
     return Adjusted(np.array([p.enu_from_camera for p in pictures]), np.array([p.position_enu_m for p in pictures]),
-                    np.zeros((0, 3)), nobody, nobody, np.zeros((0, 2)))
+                    np.zeros((0, 3)), nobody, nobody, np.zeros((0, 2)), optics)

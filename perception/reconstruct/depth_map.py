@@ -1,4 +1,4 @@
-"""The depth map of a picture: what its stereo pairs agree on."""
+"""The depth map of a picture: what its stereo pairs agree on, refined by all of them together."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perception.reconstruct.refinement import refined
 from perception.reconstruct.stereo import Eye, Map, PairDepth, pair_depth
 
 AGREE_PX = 1.0
@@ -13,12 +14,13 @@ AGREE_PX = 1.0
 
 
 def depth_map(reference: Eye, partners: list[Eye], near_m: float, far_m: float) -> Map:
-    """(height, width) float32 depth in metres along the optical axis; 0 where no pair was trusted, infinite in the sky.
+    """(height, width) float32 depth in metres along the optical axis; 0 where no pair was trusted or no partner looks
+    alike, infinite in the sky.
 
     The sky counts as seen: it tells that nothing floats before it, and that what was matched into it is no surface.
     """
     pairs = [pair_depth(reference, partner, near_m, far_m) for partner in partners]
-    depth = merge_pairs([p for p in pairs if p is not None], reference.grey.shape)
+    depth = refined(reference, partners, merge_pairs([p for p in pairs if p is not None], reference.grey.shape))
     depth[reference.sky] = np.inf
     return depth
 

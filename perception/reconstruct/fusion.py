@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numba
@@ -13,7 +14,8 @@ from missions.frames import Array
 from perception.reconstruct.stereo import Map
 
 AGREE_SHARE = 0.006
-"""Two depth maps agree on a point when their depths differ by less than this share of the distance."""
+"""Two depth maps agree on a point when their depths differ by less than this share of the distance from the nearer one:
+what is seen from afar, and so vaguely, confirms nothing that is seen from nearby."""
 THROUGH_SHARE = 0.03
 """A picture looks through a point when it sees something farther off by more than this share of the distance."""
 NORMAL_STEP_PX = 3
@@ -37,49 +39,49 @@ class Support:
     through: NDArray[np.uint8]
 
 
-def support(own: PosedDepth, others: list[PosedDepth], camera: Camera) -> Support:
-    """Check every pixel of a depth map against other depth maps; its depth becomes the mean of those that agree."""
+def support(own: PosedDepth, others: Iterable[PosedDepth], camera: Camera) -> Support:
+    """Check every pixel of a depth map against other depth maps, which are asked for one after the other.
+
+    Its depth becomes the mean of those that agree.
+    """
     shape = own.depth.shape
-    result = Support(np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
-    rotation = np.array([o.enu_from_camera.T @ own.enu_from_camera for o in others]).reshape(-1, 3, 3)
-    shift = np.array([o.enu_from_camera.T @ (own.position_enu_m - o.position_enu_m) for o in others]).reshape(-1, 3)
-    stack = np.stack([o.depth for o in others]) if others else np.zeros((0, *shape), np.float32)
+    depth = np.ascontiguousarray(own.depth)
+    known = (depth > 0.0) & (depth < np.inf)
+    total = depth.astype(np.float64)
+    agreeing, through = known.astype(np.uint8), np.zeros(shape, np.uint8)
     intrinsics = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
-    _check(np.ascontiguousarray(own.depth), stack, rotation, shift, intrinsics,
-           result.depth, result.agreeing, result.through)
-    return result
+    for other in others:
+        rotation = other.enu_from_camera.T @ own.enu_from_camera
+        shift = other.enu_from_camera.T @ (own.position_enu_m - other.position_enu_m)
+        _check(depth, np.ascontiguousarray(other.depth), rotation, shift, intrinsics, total, agreeing, through)
+    mean = np.divide(total, agreeing, out=np.zeros(shape), where=known)
+    return Support(mean.astype(np.float32), agreeing, through)
 
 
-def _check_pixels(own: NDArray[np.float32], others: NDArray[np.float32], rotation: Array, shift: Array, k: Array,
-                  depth: NDArray[np.float32], agreeing: NDArray[np.uint8], through: NDArray[np.uint8]) -> None:
-    count, height, width = others.shape
+def _check_pixels(own: NDArray[np.float32], other: NDArray[np.float32], r: Array, t: Array, k: Array,
+                  total: Array, agreeing: NDArray[np.uint8], through: NDArray[np.uint8]) -> None:
+    height, width = other.shape
     for v in range(own.shape[0]):
         for u in range(own.shape[1]):
             d = own[v, u]
             if d <= 0.0 or d == np.inf:
                 continue
             x, y = (u + 0.5 - k[2]) / k[0] * d, (v + 0.5 - k[3]) / k[1] * d
-            total, agree, behind = d, 1, 0
-            for i in range(count):
-                r, t = rotation[i], shift[i]
-                z = r[2, 0] * x + r[2, 1] * y + r[2, 2] * d + t[2]
-                if z < 0.3:
-                    continue
-                pu = int(np.floor((r[0, 0] * x + r[0, 1] * y + r[0, 2] * d + t[0]) / z * k[0] + k[2]))
-                pv = int(np.floor((r[1, 0] * x + r[1, 1] * y + r[1, 2] * d + t[1]) / z * k[1] + k[3]))
-                if pu < 0 or pu >= width or pv < 0 or pv >= height:
-                    continue
-                seen = others[i, pv, pu]
-                if seen <= 0.0:
-                    continue
-                if abs(seen - z) < AGREE_SHARE * z:
-                    total += d * seen / z
-                    agree += 1
-                elif seen > z * (1.0 + THROUGH_SHARE):
-                    behind += 1
-            depth[v, u] = total / agree
-            agreeing[v, u] = agree
-            through[v, u] = behind
+            z = r[2, 0] * x + r[2, 1] * y + r[2, 2] * d + t[2]
+            if z < 0.3:
+                continue
+            pu = int(np.floor((r[0, 0] * x + r[0, 1] * y + r[0, 2] * d + t[0]) / z * k[0] + k[2]))
+            pv = int(np.floor((r[1, 0] * x + r[1, 1] * y + r[1, 2] * d + t[1]) / z * k[1] + k[3]))
+            if pu < 0 or pu >= width or pv < 0 or pv >= height:
+                continue
+            seen = other[pv, pu]
+            if seen <= 0.0:
+                continue
+            if abs(seen - z) < AGREE_SHARE * min(d, z):
+                total[v, u] += d * seen / z
+                agreeing[v, u] += 1
+            elif seen > z * (1.0 + THROUGH_SHARE):
+                through[v, u] += 1
 
 
 _check = numba.njit(nogil=True, cache=True)(_check_pixels)

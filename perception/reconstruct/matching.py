@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from missions.camera import Camera
 from missions.frames import Array
 from perception.reconstruct.features import Features
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 
 Matches = NDArray[np.uint32]
@@ -24,25 +26,21 @@ MIN_MATCHES = 30
 SEED = 1
 
 
-def match(first: SurveyPicture, second: SurveyPicture, a: Features, b: Features, band_px: float) -> Matches:
-    """Matches within band_px of the epipolar lines of the measured poses that one exact relative pose explains
-    (five-point RANSAC in COLMAP, seeded); none when there are fewer than MIN_MATCHES of them."""
+def match(first: SurveyPicture, second: SurveyPicture, a: Features, b: Features, band_px: float,
+          epipolar_px: float = MAX_EPIPOLAR_PX) -> Matches:
+    """Matches within band_px of the epipolar lines of the measured poses that one relative pose explains to
+    epipolar_px (five-point RANSAC in COLMAP, seeded); none when there are fewer than MIN_MATCHES of them. Features are
+    where a pinhole would see them."""
     found = _nearest(a, b, fundamental(first, second), band_px)
     if len(found) < MIN_MATCHES:
         return found[:0]
-    options = pycolmap.RANSACOptions(max_error=MAX_EPIPOLAR_PX, min_num_trials=30, max_num_trials=1000,
+    options = pycolmap.RANSACOptions(max_error=epipolar_px, min_num_trials=30, max_num_trials=1000,
                                      random_seed=SEED)
-    camera = colmap_camera(first.camera)
+    camera = Optics(first.camera).colmap(with_lens=False)
     fit = pycolmap.estimate_essential_matrix(a.points_px[found[:, 0]].astype(np.float64),
                                              b.points_px[found[:, 1]].astype(np.float64), camera, camera, options)
     kept = found[fit["inlier_mask"]] if fit else found[:0]
     return kept if len(kept) >= MIN_MATCHES else kept[:0]
-
-
-def colmap_camera(camera: Camera) -> pycolmap.Camera:
-    """The same pinhole for COLMAP, as its camera 1."""
-    return pycolmap.Camera(camera_id=1, model="PINHOLE", width=camera.width_px, height=camera.height_px,
-                           params=[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
 
 
 def fundamental(first: SurveyPicture, second: SurveyPicture) -> Array:
@@ -54,10 +52,23 @@ def fundamental(first: SurveyPicture, second: SurveyPicture) -> Array:
 
 
 def _nearest(a: Features, b: Features, f: Array, band_px: float) -> Matches:
-    """Pairs of mutually nearest descriptors that pass the ratio test from both sides."""
+    """Pairs of mutually nearest descriptors near the lines of f that pass the ratio test from both sides."""
     columns = np.ascontiguousarray(b.points_px.T)
-    to_b, best_a, second_a, to_a, second_b = _search(a.points_px, columns, a.descriptors, b.descriptors,
-                                                     f.astype(np.float32), np.float32(band_px))
+    return _mutual(*_search(a.points_px, columns, a.descriptors, b.descriptors, f.astype(np.float32),
+                            np.float32(band_px)))
+
+
+def nearest_anywhere(a: Features, b: Features) -> Matches:
+    """The same wherever they are in the pictures: all products at once, by BLAS."""
+    if not len(a) or not len(b):
+        return np.zeros((0, 2), np.uint32)
+    of_a, of_b = a.descriptors.astype(np.float32), b.descriptors.astype(np.float32)
+    return _mutual(*_search_products(of_a @ of_b.T, np.einsum("ij,ij->i", of_a, of_a),
+                                     np.einsum("ij,ij->i", of_b, of_b)))
+
+
+def _mutual(to_b: NDArray[Any], best_a: NDArray[Any], second_a: NDArray[Any], to_a: NDArray[Any],
+            second_b: NDArray[Any]) -> Matches:
     i = np.flatnonzero(to_b >= 0)
     j = to_b[i]
     good = (to_a[j] == i) & (best_a[i] < MAX_DISTANCE**2)
@@ -67,6 +78,7 @@ def _nearest(a: Features, b: Features, f: Array, band_px: float) -> Matches:
 
 FAR = 1 << 30
 Squares = NDArray[np.int32]
+Row = NDArray[np.float32]
 
 
 def _search_near_lines(a: NDArray[np.float32], b: NDArray[np.float32], of_a: NDArray[np.uint8], of_b: NDArray[np.uint8],
@@ -107,3 +119,33 @@ def _search_near_lines(a: NDArray[np.float32], b: NDArray[np.float32], of_a: NDA
 
 
 _search = numba.njit(nogil=True, cache=True)(_search_near_lines)
+
+
+def _search_all_products(products: Row, squares_a: Row, squares_b: Row) -> tuple[Squares | Row, ...]:
+    """Nearest of all candidates, as above, from products of descriptors (n, m) and their squared lengths.
+
+    Descriptors are whole numbers, and their products stay below 2^24: exact in float32, in whatever order BLAS adds.
+    """
+    n, m = products.shape
+    to_b, best_a, second_a = np.full(n, -1, np.int32), np.empty(n, np.float32), np.empty(n, np.float32)
+    to_a, best_b, second_b = np.full(m, -1, np.int32), np.full(m, FAR, np.float32), np.full(m, FAR, np.float32)
+    apart = np.empty(m, np.float32)
+    for i in range(n):
+        for j in range(m):  # loops of their own, so that they are vectorised
+            apart[j] = squares_a[i] + squares_b[j] - np.float32(2.0) * products[i, j]
+        best, second = np.float32(FAR), np.float32(FAR)
+        for j in range(m):
+            if apart[j] < second:
+                if apart[j] < best:
+                    to_b[i], second, best = j, best, apart[j]
+                else:
+                    second = apart[j]
+        best_a[i], second_a[i] = best, second
+        for j in range(m):
+            to_a[j] = i if apart[j] < best_b[j] else to_a[j]
+            second_b[j] = min(second_b[j], max(apart[j], best_b[j]))
+            best_b[j] = min(best_b[j], apart[j])
+    return to_b, best_a, second_a, to_a, second_b
+
+
+_search_products = numba.njit(nogil=True, cache=True)(_search_all_products)

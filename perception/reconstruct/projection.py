@@ -50,6 +50,18 @@ class Projection:
         lat, lon, alt = self.site.geodetic_rows_from_enu(np.asarray(position_enu_m, np.float64)).T
         return np.column_stack(self._transformer.transform(lon, lat, alt))
 
+    def enu_from_grid(self, position_grid_m: NDArray[np.floating]) -> Array:
+        """(n, 3) ENU metres at the height of the origin, of eastings and northings (n, 2)."""
+        height = np.full(len(position_grid_m), self.height_of_enu_m)
+        east, north = np.asarray(position_grid_m, np.float64).T
+        lon, lat, alt = self._transformer.transform(east, north, height, direction="INVERSE")
+        return np.array([self.site.enu_from_geodetic(*row) for row in zip(lat, lon, alt, strict=True)])
+
+    @cached_property
+    def height_of_enu_m(self) -> float:
+        """What to add to an up coordinate for the height above the CRS's ellipsoid."""
+        return float(self.grid_from_enu(np.zeros((1, 3)))[0, 2])
+
     def grid_directions_from_enu(self, direction_enu: NDArray[np.floating]) -> Array:
         """(n, 3) directions turned from true North to the grid's North (meridian convergence)."""
         north = self._north_step
