@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from missions.frames import Array
 from missions.sensors import fibonacci_directions
 from planning.nbv.sight_kernels import FACES, show_from
-from planning.nbv.sights import SURELY, ImaginedMap
+from planning.nbv.sights import BLOCK_VOXELS, SURELY, ImaginedMap, new_blocks
 
 MISSING_WEIGHT = 1.0
 """What is really there of the missing surface that is expected: the imagination is taken at its word. What
@@ -44,7 +44,7 @@ class SurfaceTally:
 def surface_tally(imagined: ImaginedMap, box: Box, positions_enu_m: Array, range_m: float) -> SurfaceTally:
     """What of the surface in a box (of indices) was seen, and what views in all directions from positions (p, 3) would
     still show; positions that are likelier solid than free show nothing."""
-    missing = visible_faces(imagined, positions_enu_m, range_m)[box] & imagined.unseen[box]
+    missing = visible_faces(imagined, positions_enu_m, range_m)[box]
     expected = sum(float((chance[box] * ((missing >> face) & 1)).sum())
                    for face, chance in enumerate(face_chances(imagined.occupancy)))
     return SurfaceTally(seen_m2(imagined, box), MISSING_WEIGHT * expected * imagined.voxel_m**2)
@@ -57,14 +57,15 @@ def seen_m2(imagined: ImaginedMap, box: Box) -> float:
 
 
 def visible_faces(imagined: ImaginedMap, positions_enu_m: Array, range_m: float) -> NDArray[np.uint8]:
-    """(i, j, k) bits of the faces that views from these positions (p, 3) would likelier than not show, new or not."""
+    """(i, j, k) bits of the new faces that views from these positions (p, 3) would likelier than not show."""
     voxels = (positions_enu_m - imagined.origin_enu_m) / imagined.voxel_m
     at = np.clip(voxels.astype(np.int64), 0, np.array(imagined.occupancy.shape) - 1)
     voxels = voxels[imagined.occupancy[tuple(at.T)] < SURELY]
     if len(voxels) > MOST_POSITIONS:
         voxels = voxels[np.random.default_rng(0).permutation(len(voxels))[:MOST_POSITIONS]]
-    shares = show_from(imagined.occupancy, voxels, fibonacci_directions(RAYS), range_m / imagined.voxel_m, SURELY)
-    return np.asarray(np.bitwise_or.reduce(shares, axis=0))
+    shares = show_from(imagined.occupancy, *new_blocks(imagined.unseen), BLOCK_VOXELS, voxels,
+                       fibonacci_directions(RAYS), range_m / imagined.voxel_m, SURELY)
+    return np.asarray(np.bitwise_or.reduce(shares, axis=0) & imagined.unseen)
 
 
 def face_chances(occupancy: NDArray[np.float32]) -> list[NDArray[np.float32]]:

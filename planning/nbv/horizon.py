@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
-from planning.nbv.horizon_kernels import beam, promise
+from planning.nbv.horizon_kernels import beam, promise, promise_each
 from planning.nbv.sights import Sights
 
 Indices = NDArray[np.int64]
@@ -75,8 +75,9 @@ def best_way(sights: Sights, left: NDArray[np.float32], steps: Indices, passable
     ends = poses[np.arange(len(poses)), lengths - 1]
     weight = sure * spec.discount**lengths
     finals = np.argsort(-(value + weight * promised[ends]), kind="stable")[: spec.finals]
-    beyond = [promises(sights, after[k], steps, passable, spec)[ends[k]] for k in finals]
-    total = value[finals] + weight[finals] * np.array(beyond)
+    gains_beyond = np.array([sights.gains_after(after[k]).ravel() for k in finals])
+    beyond = promise_each(gains_beyond, steps, passable, spec.discount)[np.arange(len(finals)), ends[finals]]
+    total = value[finals] + weight[finals] * beyond
     k = int(finals[total.argmax()])
     n = int(lengths[k])
     return Way([int(p) for p in poses[k, :n]], [float(g) for g in gains[k, :n]], float(total.max()))

@@ -32,6 +32,15 @@ def promise(gains, steps, passable, discount):
 
 
 @nb.njit(cache=True, parallel=True)
+def promise_each(gains, steps, passable, discount):
+    """(k, n) `promise` of gains (k, n)."""
+    best = np.empty_like(gains)
+    for k in nb.prange(len(gains)):
+        best[k] = promise(gains[k], steps, passable, discount)
+    return best
+
+
+@nb.njit(cache=True, parallel=True)
 def _scores(first, cell, area, left, seen_first, seen_rays, rays, ends, alive, steps, passable):
     """(width, 30) what each step from the end of each way adds; -1 where there is no such step."""
     gain = np.full((len(ends), steps.shape[1]), -1.0)

@@ -58,12 +58,22 @@ def walk(start, direction):
 
 
 @nb.njit(cache=True)
+def next_axis(walls):
+    """The axis along which a walk goes on to the next voxel."""
+    tx, ty, tz = walls
+    if tx <= ty and tx <= tz:
+        return 0
+    return 1 if ty <= tz else 2
+
+
+@nb.njit(cache=True)
 def next_voxel(voxel, walls, spans, steps):
     """The next voxel of a walk, the ray length at which it is entered, and ray lengths to its walls."""
     (i, j, k), (tx, ty, tz) = voxel, walls
-    if tx <= ty and tx <= tz:
+    axis = next_axis(walls)
+    if axis == 0:
         return (i + steps[0], j, k), tx, (tx + spans[0], ty, tz)
-    if ty <= tz:
+    if axis == 1:
         return (i, j + steps[1], k), ty, (tx, ty + spans[1], tz)
     return (i, j, k + steps[2]), tz, (tx, ty, tz + spans[2])
 

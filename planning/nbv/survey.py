@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from missions.frames import Array, forward_enu, wrap_pi
 from missions.grid import VoxelGrid
 from missions.mission import SurveySpec
 from planning.nbv.cover_kernels import PARALLAX_KEPT, Rows, Sight, Tally, Want, begin, choose, take
+from planning.nbv.interest import Interest
 from planning.nbv.lattice import in_view
 from planning.nbv.patches import Patches, surface_patches
 from planning.nbv.sightings import Sightings, SightSpec, find_sightings
@@ -58,6 +59,8 @@ class SurveyViewSpec:
     thrift: float = THRIFT
     least_gain: float = 2.0
     """Planning ends when the next picture would add less than this (a patch's first sharp picture counts 1)."""
+    interest: Interest | None = None
+    """Where pictures count more than elsewhere."""
 
     @classmethod
     def of(cls, survey: SurveySpec) -> SurveyViewSpec:
@@ -98,8 +101,10 @@ def plan_survey(grid: VoxelGrid, positions_enu_m: Array, camera: Camera, object_
         return SurveyPlan([], patches, none.astype(np.bool_), none, none)
     yaw, elevation = _orientations(spec)
     shows = _shows(yaw, elevation, camera)
-    sight = _sight(find_sightings(grid, patches, places, spec.sight, spec.gsd_m * camera.fx_px), len(patches),
-                   len(places), shows)
+    found = find_sightings(grid, patches, places, spec.sight, spec.gsd_m * camera.fx_px)
+    if spec.interest is not None:
+        found = replace(found, quality=found.quality * spec.interest.weights_at(patches.position_enu_m)[found.patch])
+    sight = _sight(found, len(patches), len(places), shows)
     want, tally = _want(spec), _tally(sight, len(patches), (len(positions_enu_m), len(yaw)))
     begin(sight, tally)
     for n, pose in enumerate(taken):

@@ -62,6 +62,7 @@ class Course:
         n = len(self._points)
         self._corners = _corners(self._points)
         self._along, self._direction = _measured(self._points, self._corners)
+        self._flown_through = _on_straights(self._points, self._along, self._direction, self._corners)
         self._nodes = set(self._corners)
         self._bend, self._highest, self._least_s = np.zeros(n), np.zeros(n), np.zeros(n - 1)
         self._tight: set[int] = set()
@@ -187,7 +188,7 @@ class Course:
         half1, half2 = self._half_s(a, v1), self._half_s(b, v2)
         first = self._along[a] + v1 * half1
         room = self._along[b] - v2 * half2 - first
-        origin = self._points[b] - (self._along[b] - first) * direction
+        origin = self._flown_through[b] - (self._along[b] - first) * direction
         least_s -= half1 + half2
         cruise = profile.cruise_for(v1, v2, room, least_s, *self._limits.motion)
         leg = Curve.hold(origin, 0.0)
@@ -203,7 +204,18 @@ class Course:
         leg = Curve.chain(legs)
         for i in range(a + 1, b):
             wanted = self._along[i] - self._along[b]
-            reached[i] = left_s + leg.crossing_s(0.0, leg.duration_s, self._points[b], self._direction[b], wanted)
+            reached[i] = left_s + leg.crossing_s(0.0, leg.duration_s, self._flown_through[b], self._direction[b],
+                                                 wanted)
+
+
+def _on_straights(points: Array, along: Array, direction: Array, corners: list[int]) -> Array:
+    """(n, 3) where the polyline through its corners passes each point: points between corners may lie beside it by as
+    much as counts as passed exactly, and a flight that aimed at them one after the other would jump."""
+    out = points.copy()
+    for a, b in pairwise(corners):
+        between = np.arange(a + 1, b)
+        out[between] = points[b] - (along[b] - along[between])[:, None] * direction[b]
+    return out
 
 
 def _corners(points: Array) -> list[int]:
