@@ -12,6 +12,8 @@ from missions.sensors import HIT_RADIUS_M, fibonacci_directions
 from planning.deconflict import distance_to_polyline_m
 from planning.paths import NoPath, ObstacleField, plan_path, reachable
 from planning.trajectories import Flight
+from vehicle.fenced_field import FencedField
+from vehicle.geofence import Geofence
 from vehicle.sensor_memory import SensorMemory
 from vehicle.teammates import Conflict, Teammates
 
@@ -54,6 +56,13 @@ class Avoidance:
         self.memory, self.teammates, self._fleet = memory, teammates, fleet
         self._lower, self._upper = fence[0] + fleet.clearance_m, fence[1] - fleet.clearance_m
         self.replans = 0
+        self._fence: Geofence | None = None
+
+    def fence_off(self, fence: Geofence | None) -> None:
+        """Treat the border of an uploaded fence as a wall from now on; None for no fence but the mission's."""
+        if fence is not self._fence:
+            self._fence = fence
+            self.memory.map_version += 1
 
     @property
     def version(self) -> Knowledge:
@@ -109,6 +118,11 @@ class Avoidance:
     def conflicts_in_flight(self, flight: Flight, start_ns: int, now_ns: int) -> list[Conflict]:
         """Teammates that the rest of a flight under way comes too near to."""
         return self.teammates.conflicts(flight, start_ns, now_ns, self._fleet.separation_m + IN_FLIGHT_SPARE_M)
+
+    @property
+    def clearance_m(self) -> float:
+        """Least distance of the vehicle's centre from anything that is not known to be free."""
+        return self._fleet.clearance_m
 
     @property
     def separation_m(self) -> float:
@@ -214,7 +228,10 @@ class Avoidance:
 
     def _space(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
         """What is solid around a and b. A dead teammate is: it will not move any more."""
-        field, dead = self.memory.field(a_enu_m, b_enu_m, margin_m), self.teammates.dead()
+        field: ObstacleField = self.memory.field(a_enu_m, b_enu_m, margin_m)
+        if self._fence is not None:
+            field = FencedField(field, self._fence, self._fleet.clearance_m)
+        dead = self.teammates.dead()
         radius = max(0.0, self._fleet.separation_m + IN_FLIGHT_SPARE_M - self._fleet.clearance_m)
         return field.with_spheres(dead, radius) if len(dead) else field
 

@@ -26,6 +26,15 @@ class Battery:
         """A fresh battery will be in at this time."""
         self._full_at_ns = full_at_ns
 
+    def restore(self, level_percent: float, full_at_ns: int | None) -> None:
+        """The battery as it was found in the aircraft; full_at_ns: when the one that is being put in is there."""
+        self.level_percent, self._full_at_ns = max(0.0, level_percent), full_at_ns
+
+    @property
+    def full_at_ns(self) -> int | None:
+        """When the battery that is being put in is there."""
+        return self._full_at_ns
+
     def step(self, t_ns: int) -> None:
         """The change is done when its time has come."""
         if self._full_at_ns is not None and t_ns >= self._full_at_ns:

@@ -30,7 +30,7 @@ from planning.paths import VoxelField
 from planning.trajectories import Curve
 from vehicle.campaign_referee import Verdict, judge, track
 from vehicle.campaign_world import World, make_world, reach_from
-from vehicle.executor import RETURN, STANDBY
+from vehicle.modes import RETURN, STANDBY
 from vehicle.sensor_memory import SensorMemory
 from vehicle.simulator import NS
 from vehicle.vehicle import Vehicle
@@ -155,9 +155,9 @@ class Campaign:
             announcement = v.pilot.helm.announcement(self.t_ns)
             if announcement is not None:
                 self.mail.append(announcement)
-            if not self.curves[k] or self.curves[k][-1][1] is not v.simulator.flight.curve:
-                self.curves[k].append((self.t_ns, v.simulator.flight.curve))
-            if v.simulator.end_ns > self.t_ns:
+            if not self.curves[k] or self.curves[k][-1][1] is not v.body.flight.curve:
+                self.curves[k].append((self.t_ns, v.body.flight.curve))
+            if v.body.end_ns > self.t_ns:
                 self.moved_ns = self.t_ns
         self.times.append(self.t_ns)
         self.flying.append([v.executor.flying for v in self.vehicles.values()])

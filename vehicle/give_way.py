@@ -24,7 +24,7 @@ class GiveWay:
     """Carries out what the rules of right of way ask of one vehicle."""
 
     def __init__(self, helm: Helm, limits: Limits) -> None:
-        self._helm, self._limits = helm, limits
+        self._helm, self.limits = helm, limits
         self._clear_out_ns = 0
 
     def wait(self, path: list[Array], t_ns: int) -> None:
@@ -94,8 +94,8 @@ class GiveWay:
 
     def _yield_to(self, place: Array, here: Array, t_ns: int) -> bool:
         """Straight to the place, if teammates allow it, and back afterwards."""
-        helm, now = self._helm, self._helm.simulator.at(t_ns)
-        flight = helm.leg(Via(place, now.yaw_enu_rad, now.gimbal_elevation_rad), self._limits, t_ns)
+        helm, now = self._helm, self._helm.body.at(t_ns)
+        flight = helm.leg(Via(place, now.yaw_enu_rad, now.gimbal_elevation_rad), self.limits, t_ns)
         if helm.avoidance.conflicts(flight, np.stack([here, place]), t_ns):
             return False
         helm.detour = [here, *helm.detour]
@@ -116,9 +116,9 @@ class GiveWay:
 
     def _fly_way(self, way: Array, t_ns: int, come_back: bool) -> bool:
         """As much of a way (k, 3) as is free; back along it afterwards, or anew from there."""
-        helm, now = self._helm, self._helm.simulator.at(t_ns)
+        helm, now = self._helm, self._helm.body.at(t_ns)
         vias = [Via(p, now.yaw_enu_rad, now.gimbal_elevation_rad, stop=n == len(way) - 1) for n, p in enumerate(way)]
-        run = helm.run(vias[1:], self._limits, t_ns)
+        run = helm.run(vias[1:], self.limits, t_ns)
         if run.flight is None:
             return False
         if come_back:

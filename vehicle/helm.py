@@ -10,9 +10,10 @@ from missions.frames import Array
 from missions.messages import AnnouncedTrajectory
 from planning.trajectories import Curve, Flight, Limits, State, Via, fly_run
 from vehicle.avoidance import Avoidance, Knowledge
+from vehicle.body import Body
 from vehicle.right_of_way import RightOfWayRules, Trail, same_place
 from vehicle.run_planner import Run, RunPlanner
-from vehicle.simulator import NS, KinematicSimulator
+from vehicle.simulator import NS
 from vehicle.teammates import STEP_NS, announce
 
 LOOK_AHEAD_NS = 200_000_000
@@ -37,8 +38,8 @@ class Rest:
 class Helm:
     """The flight under way, the rest after it, and the detour that leads on to where the vehicle wants to be."""
 
-    def __init__(self, vehicle_id: int, simulator: KinematicSimulator, avoidance: Avoidance) -> None:
-        self.simulator, self.avoidance = simulator, avoidance
+    def __init__(self, vehicle_id: int, body: Body, avoidance: Avoidance) -> None:
+        self.body, self.avoidance = body, avoidance
         self.rules = RightOfWayRules(vehicle_id, avoidance.teammates, avoidance.separation_m)
         self.trail, self.rest = Trail(), Rest()
         self.detour: list[Array] = []
@@ -51,7 +52,7 @@ class Helm:
         """Whether teammates have to know something."""
         self._id = vehicle_id
         self._planner = RunPlanner(avoidance, self.rules)
-        self._way = simulator.flight.curve.end[None]
+        self._way = body.flight.curve.end[None]
         self._passing: list[tuple[int, Array]] = []
         self._braking = self._narrow = self._fresh = False
         self._checked: Knowledge | None = None
@@ -59,7 +60,7 @@ class Helm:
 
     def position(self, t_ns: int) -> Array:
         """(3,) where the vehicle is."""
-        return self.simulator.at(t_ns).state.position
+        return self.body.at(t_ns).state.position
 
     def resting_place(self, t_ns: int) -> Array:
         """(3,) where the vehicle rests now; the trail goes on to here, the detour begins behind it."""
@@ -82,18 +83,18 @@ class Helm:
 
     def run(self, vias: list[Via], limits: Limits, t_ns: int) -> Run:
         """As much of a run along the vias as may be launched now."""
-        return self._planner.plan(self.simulator.at(t_ns), vias, limits, t_ns)
+        return self._planner.plan(self.body.at(t_ns), vias, limits, t_ns)
 
     def leg(self, via: Via, limits: Limits, t_ns: int) -> Flight:
         """The flight straight to the via, whatever is in between."""
-        now = self.simulator.at(t_ns)
+        now = self.body.at(t_ns)
         return fly_run(State.at_rest(now.state.position), now.yaw_enu_rad, now.gimbal_elevation_rad, [via], limits)
 
     def launch(self, flight: Flight, points: list[Array], t_ns: int, before: int = 0, narrow: bool = False) -> None:
         """Fly through the points, so many of them before the vias asked for; narrow: out of a place that has become too
         narrow for the clearance."""
         self._way = np.array([self.position(t_ns), *points])
-        self.simulator.fly(flight, t_ns)
+        self.body.fly(flight, t_ns)
         reaches_ns = [t_ns + round(float(s) * NS) for s in flight.reached_s]
         self._passing = list(zip(reaches_ns[:-1], points[:-1], strict=True))
         self.reaches_ns = reaches_ns[before:]
@@ -105,17 +106,24 @@ class Helm:
 
     def stop(self, t_ns: int) -> None:
         """Brake to rest on the way of the flight."""
-        if self._braking or t_ns >= self.simulator.end_ns:
+        if self._braking or t_ns >= self.body.end_ns:
             return
-        self.simulator.fly(self.simulator.flight.stop(self.simulator.elapsed_s(t_ns)), t_ns)
+        self.body.fly(self.body.flight.stop(self.body.elapsed_s(t_ns)), t_ns)
         self._braking, self.news = True, True
+
+    def begin_anew(self, to_rest: Flight, t_ns: int) -> None:
+        """The body is not where its flight has it: come to rest from where it is, and tell the teammates."""
+        self.body.fly(to_rest, t_ns)
+        self._way = np.array([self.position(t_ns), to_rest.curve.end])
+        self.detour, self.reaches_ns, self._passing = [], [], []
+        self._braking, self._fresh, self.news = True, False, True
 
     def look_ahead(self, t_ns: int) -> bool:
         """Check the rest of the leg against what is new; True when that made the vehicle brake."""
         if self._braking or t_ns < self._check_ns or self._checked == self.avoidance.version:
             return False
         before, self._checked = self._checked, self.avoidance.version
-        ahead = self.simulator.flight.curve.sample(STEP_NS / NS, self.simulator.elapsed_s(t_ns))[1]
+        ahead = self.body.flight.curve.sample(STEP_NS / NS, self.body.elapsed_s(t_ns))[1]
         if self._narrow:
             clear = self.avoidance.may_leave(ahead)
         elif before is not None and before.map == self._checked.map:
@@ -134,7 +142,7 @@ class Helm:
         if self.avoidance.still_clear(ahead_enu_m):
             return True
         self._checked = None
-        flight, now_s = self.simulator.flight, self.simulator.elapsed_s(t_ns)
+        flight, now_s = self.body.flight, self.body.elapsed_s(t_ns)
         again_s = min(now_s + LOOK_AGAIN_S, flight.duration_s)
         stopping = Curve.chain([flight.curve.part(now_s, again_s), flight.stop(again_s).curve])
         return self.avoidance.still_clear(stopping.sample(STEP_NS / NS)[1])
@@ -151,14 +159,14 @@ class Helm:
         if not self.news:
             return None
         self.news = False
-        return announce(self._id, self.simulator.flight, self.simulator.start_ns, t_ns, self.rules.told)
+        return announce(self._id, self.body.flight, self.body.start_ns, t_ns, self.rules.told)
 
     def _must_yield(self, t_ns: int) -> bool:
         """When two have set out at once the one that goes first flies on; whoever finds another one braking brakes."""
-        simulator = self.simulator
+        body = self.body
         if self._fresh:
             self._fresh, self._checked = False, None
             self._check_ns = t_ns + LOOK_AHEAD_NS
-            conflicts = self.avoidance.conflicts(simulator.flight, self._way, t_ns, simulator.start_ns)
+            conflicts = self.avoidance.conflicts(body.flight, self._way, t_ns, body.start_ns)
             return any(self.avoidance.teammates.goes_before(c.vehicle_id, self.rules.rank) for c in conflicts)
-        return bool(self.avoidance.conflicts_in_flight(simulator.flight, simulator.start_ns, t_ns))
+        return bool(self.avoidance.conflicts_in_flight(body.flight, body.start_ns, t_ns))

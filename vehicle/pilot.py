@@ -12,9 +12,10 @@ from missions.frames import Array
 from planning.paths import NoPath
 from planning.trajectories import Limits, Via
 from vehicle.avoidance import Avoidance
+from vehicle.body import Body
 from vehicle.give_way import RETRY_NS, GiveWay
 from vehicle.helm import Helm
-from vehicle.simulator import NS, KinematicSimulator
+from vehicle.simulator import NS
 
 AROUND_AGAIN_NS = 8 * NS
 """Ways around resting teammates are looked for at once, then after this long, twice as long, and so on."""
@@ -36,13 +37,18 @@ class Outcome(Enum):
 class Pilot:
     """Moves one vehicle. Clear legs are flown, teammates are waited for or gone around, never a reason to give up."""
 
-    def __init__(self, vehicle_id: int, simulator: KinematicSimulator, avoidance: Avoidance, limits: Limits) -> None:
-        self.simulator, self.avoidance, self.limits = simulator, avoidance, limits
+    def __init__(self, vehicle_id: int, body: Body, avoidance: Avoidance, limits: Limits) -> None:
+        self.body, self.avoidance, self.limits = body, avoidance, limits
         self.slow = replace(limits, speed_m_s=min(limits.speed_m_s, DETOUR_SPEED_M_S))
-        self.helm = Helm(vehicle_id, simulator, avoidance)
+        self.helm = Helm(vehicle_id, body, avoidance)
         self.why_blocked = ""
         self._give_way = GiveWay(self.helm, limits)
         self._around_ns = self._around_step_ns = 0
+
+    def obey(self, limits: Limits) -> None:
+        """Keep these limits from the next flight on."""
+        self.limits, self.slow = limits, replace(limits, speed_m_s=min(limits.speed_m_s, DETOUR_SPEED_M_S))
+        self._give_way.limits = limits
 
     @property
     def waiting(self) -> bool:

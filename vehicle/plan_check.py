@@ -11,15 +11,14 @@ from planning.trajectories import Limits
 from planning.trajectories.energy import stops_percent
 from vehicle.avoidance import Avoidance
 from vehicle.battery import Battery
+from vehicle.geofence import FENCE_TOLERANCE_M, Geofence
 from vehicle.way_home import WayHome
 
 LOST_TEAMMATE = "a teammate that was lost there"
 """It hovers on, dead, or nobody knows what it does; nobody goes near."""
-FENCE_TOLERANCE_M = 0.05
-"""MAVLink rounds positions to about 1 cm."""
 
 
-def refusal(route: Route, position_enu_m: Array, fence: tuple[Array, Array], fleet: FleetSpec, spec: BatterySpec,
+def refusal(route: Route, position_enu_m: Array, fence: Geofence, fleet: FleetSpec, spec: BatterySpec,
             avoidance: Avoidance, battery: Battery, way_home: WayHome) -> str:
     """Why the plan is refused, beginning with the kind (empty, fence, clearance, energy); "" when it is accepted."""
     if not route.waypoints:
@@ -27,9 +26,9 @@ def refusal(route: Route, position_enu_m: Array, fence: tuple[Array, Array], fle
     if battery.level_percent <= spec.threshold_percent:
         return f"energy: the battery is at {battery.level_percent:.1f} %, at or below the threshold"
     points = np.array([w.position_enu_m for w in route.waypoints])
-    lower, upper = fence[0] - FENCE_TOLERANCE_M, fence[1] + FENCE_TOLERANCE_M
+    inside = fence.room_m(points) >= -FENCE_TOLERANCE_M
     for n, (waypoint, point) in enumerate(zip(route.waypoints, points, strict=True)):
-        if np.any(point < lower) or np.any(point > upper):
+        if not inside[n]:
             return f"fence: waypoint {n} lies outside the geofence"
         # corners on the way are advice: what stands there in truth is gone around
         if (waypoint.stop or waypoint.view_id is not None) and not avoidance.clear(point, point):

@@ -23,10 +23,10 @@ from collections.abc import Callable
 import numpy as np
 
 from missions.frames import Array
-from missions.messages import RightOfWay
+from missions.messages import RightOfWay, vector
 from planning.deconflict import NEVER, distance_to_polyline_m, first_approach
 from planning.trajectories import Flight
-from vehicle.simulator import NS, vector
+from vehicle.simulator import NS
 from vehicle.teammates import LAST, STEP_NS, Rank, Teammates
 
 EVER = 1 << 30
@@ -64,6 +64,15 @@ class Trail:
                 self._points.append(point)
             else:
                 del self._points[len(self._points) - back + 1:]
+
+    @property
+    def points(self) -> list[Array]:
+        """All of it, from the hover point on."""
+        return list(self._points)
+
+    def follow(self, points: list[Array]) -> None:
+        """This is the way that the vehicle came."""
+        self._points = list(points)
 
     @property
     def home(self) -> Array | None:

@@ -22,7 +22,9 @@ class RouteProgress:
         self.index = 0
         self._camera = camera
         self._items: list[list[int]] = []
-        self._next: tuple[Route, list[list[int]]] | None = None
+        self._next: tuple[Route, list[list[int]], int | None] | None = None
+        self.home_seq: int | None = None
+        """The mission item that returns, until it is done."""
         self._jump_to: int | None = None
 
     @property
@@ -35,9 +37,9 @@ class RouteProgress:
         """Whether the route ends on the pad."""
         return self.route is not None and self.route.home_after
 
-    def take(self, route: Route, items: list[list[int]]) -> None:
-        """Fly this next. items: for each waypoint the mission items that it is made of."""
-        self._next = (route, items)
+    def take(self, route: Route, items: list[list[int]], home_seq: int | None = None) -> None:
+        """Fly this next. items: for each waypoint the mission items that it is made of; home_seq: the return's."""
+        self._next = (route, items, home_seq)
 
     def jump(self, seq: int) -> None:
         """Go on with the waypoint that mission item `seq` belongs to."""
@@ -49,7 +51,7 @@ class RouteProgress:
         if self._jump_to is not None:
             self.index, self._jump_to = self._jump_to, None
         if self._next is not None:
-            (self.route, self._items), self.index, self._next = self._next, 0, None
+            (self.route, self._items, self.home_seq), self.index, self._next = self._next, 0, None
         return turned
 
     def skip_exposed(self) -> list[int]:

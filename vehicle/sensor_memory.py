@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+import zlib
 
+import msgspec
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from missions.messages import RangeScan, SiteBrief
+from missions.messages import RangeScan, SiteBrief, Vector, vector
 from missions.mission import Mission
-from missions.pads import geofence, takeoff_columns
+from missions.pads import fence_limit, takeoff_columns
 from missions.sensors import HIT_RADIUS_M, RANGE_DIRECTIONS
 from planning.deconflict import distance_to_polyline_m
 from planning.paths import MeshField, ObstacleField, VoxelField
@@ -46,8 +48,20 @@ def _sweep(position: Array, directions: Array, ranges: Array, reach: float, orig
             t += step
 
 
+class Sensed(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """What a memory holds of its own sensor's, in bytes."""
+
+    cells: bytes
+    points_enu_m: bytes
+    seen_ns: bytes
+    origin_enu_m: Vector
+    shape: tuple[int, int, int]
+    swept: bytes
+    """Packed bits of the grid that begins at the origin, deflated."""
+
+
 class SensorMemory:
-    """A grid over the geofence: map states, voxels swept free, and hits with the time of the last one.
+    """A grid over what the geofence may become: map states, voxels swept free, and hits with the time of the last one.
 
     `map_version` and `hit_version` change whenever map or hits do.
     """
@@ -71,8 +85,32 @@ class SensorMemory:
     @classmethod
     def of(cls, mission: Mission, site: SiteBrief, prior: MeshField | None = None) -> SensorMemory:
         """What a vehicle of this mission knows before it takes off."""
-        return cls(*geofence(mission, site), mission.explore.voxel_m, mission.fleet.range_sensor_m,
+        return cls(*fence_limit(mission, site), mission.explore.voxel_m, mission.fleet.range_sensor_m,
                    takeoff_columns(mission, site), prior)
+
+    @property
+    def sensed(self) -> Sensed:
+        """What the range sensor has hit and swept free."""
+        swept = zlib.compress(np.packbits(self._swept).tobytes(), level=1)
+        i, j, k = self._swept.shape
+        return Sensed(self._keys.tobytes(), self._points.tobytes(), self._seen_ns.tobytes(),
+                      vector(self._grid.origin_enu_m), (i, j, k), swept)
+
+    def recall(self, sensed: Sensed) -> None:
+        """Know what another memory of this mission knew of that; the map is still to come. Raises ValueError or
+        zlib.error for what is not whole."""
+        count = math.prod(sensed.shape)
+        packed = np.frombuffer(zlib.decompress(sensed.swept), np.uint8)
+        swept = np.unpackbits(packed, count=count).astype(np.bool_).reshape(sensed.shape)
+        points = np.frombuffer(sensed.points_enu_m).reshape(-1, 3).copy()
+        state = np.full(sensed.shape, UNKNOWN, dtype=np.uint8)
+        self._grid = VoxelGrid(np.array(sensed.origin_enu_m), self._grid.voxel_m, state)
+        self._swept, self._points = swept, points
+        self._keys = np.frombuffer(sensed.cells, np.int64).copy()
+        self._seen_ns = np.frombuffer(sensed.seen_ns, np.int64).copy()
+        self.map_version += 1
+        self.hit_version += 1
+        self._note_new()
 
     def put_map(self, grid: VoxelGrid) -> None:
         """Take over the ground's newest map; the fence outside it stays unknown."""

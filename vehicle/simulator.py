@@ -8,8 +8,9 @@ import numpy as np
 
 from missions.camera import Pose
 from missions.frames import Array
-from missions.messages import Vector
+from missions.messages import vector
 from planning.trajectories import Curve, Flight, State
+from vehicle.health import HEALTHY
 
 NS = 1_000_000_000
 
@@ -34,11 +35,18 @@ class Kinematics:
 
 
 class KinematicSimulator:
-    """Follows one flight at a time; rests at its end."""
+    """Follows one flight at a time; rests at its end. Never anywhere else than where its flight has it."""
+
+    astray: Flight | None = None
+    surrendered = False
+    health = HEALTHY
 
     def __init__(self, position_enu_m: Array, yaw_enu_rad: float) -> None:
         self.flight = resting(position_enu_m, yaw_enu_rad, 0.0)
         self.start_ns = 0
+
+    def step(self, t_ns: int) -> None:
+        """Nothing to take in."""
 
     def fly(self, flight: Flight, t_ns: int) -> None:
         """Follow this flight from now; it must begin in the present state."""
@@ -58,6 +66,14 @@ class KinematicSimulator:
         t = self.elapsed_s(t_ns)
         return Kinematics(self.flight.curve.state(t), *self.flight.attitude(t))
 
+    def measured(self, t_ns: int) -> Kinematics:
+        """The same: it measures exactly."""
+        return self.at(t_ns)
+
+    def take_texts(self) -> list[str]:
+        """It has nothing to say."""
+        return []
+
 
 def resting(position_enu_m: Array, yaw_enu_rad: float, gimbal_elevation_rad: float) -> Flight:
     """No motion at all."""
@@ -69,7 +85,3 @@ def coasting(curve: Curve, yaw_enu_rad: float, gimbal_elevation_rad: float) -> F
     return Flight(curve, np.array([curve.duration_s]), np.zeros(1), np.array([yaw_enu_rad]),
                   np.array([gimbal_elevation_rad]))
 
-
-def vector(values: Array) -> Vector:
-    """A (3,) array as it travels."""
-    return float(values[0]), float(values[1]), float(values[2])

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from missions.clock import vehicle_name
 from missions.frames import Array
-from missions.messages import AnnouncedTrajectory, RightOfWay, VehicleState
+from missions.messages import AnnouncedTrajectory, RightOfWay, VehicleState, vector
 from planning.deconflict import NEVER, meeting
 from planning.trajectories import Flight
-from vehicle.simulator import NS, vector
+from vehicle.simulator import NS
 
 STEP_NS = 200_000_000
 NO_WAY = np.zeros((0, 3))
@@ -114,13 +114,16 @@ class Teammates:
         else:
             mate.state = message
 
-    def note_participants(self, participants: frozenset[str]) -> None:
-        """Who still lives."""
+    def note_participants(self, participants: frozenset[str]) -> bool:
+        """Who still lives; whether somebody does again, who has to be told everything anew."""
+        returned = False
         for mate in self.members.values():
             alive = vehicle_name(mate.vehicle_id) in participants
             if alive != mate.alive:
                 mate.alive = alive
                 self.version += 1
+                returned = returned or alive
+        return returned
 
     def positions(self, t_ns: int) -> Array:
         """(m, 3) of all known teammates now."""
