@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera
 from missions.frames import Array, enu_from_camera
-from missions.messages import ShutterRequest
+from missions.messages import PictureMeta
 from missions.mission import ExploreSpec
 from sim_bridge.truth import BEFORE_FLIGHT_NS, Mask, Truth
 
@@ -33,14 +33,14 @@ class Coverage:
         self.per_view: list[float] = []
         self.view_ids: list[int] = []
 
-    def add(self, shutter: ShutterRequest) -> None:
-        """Count what an exploration picture sees."""
+    def add(self, picture: PictureMeta) -> None:
+        """Count what an exploration picture sees, from its true pose."""
         unseen = np.flatnonzero(~self._seen)
-        eye = np.array(shutter.pose.position_enu_m)
-        views = shutter.pose.enu_from_camera[None]
-        self._seen[self._seen_from(eye, views, shutter.camera, unseen, shutter.t_capture_ns)] = True
+        eye = np.array(picture.pose.position_enu_m)
+        views = picture.pose.enu_from_camera[None]
+        self._seen[self._seen_from(eye, views, picture.camera, unseen, picture.t_capture_ns)] = True
         self.per_view.append(float(self._seen.mean()))
-        self.view_ids.append(shutter.view_id)
+        self.view_ids.append(picture.view_id)
 
     def reach(self, positions_enu_m: Array, explore: ExploreSpec, camera: Camera) -> None:
         """Find what views from these positions (n, 3), in all of the mission's directions, can see together. Boxes

@@ -23,9 +23,10 @@ from missions.camera import Camera, Pose
 from missions.errors import UserError
 from missions.frames import wrap_pi
 from missions.messages import SiteBrief
-from missions.mission import Mission, SceneSpec
+from missions.mission import Mission
 from missions.pads import camera_bounds
 from missions.process import run_process
+from missions.simulation import SceneSpec
 from missions.walks import Shot, Walks, truth_path, walks_path
 from sim_bridge.render import make_renderer
 from sim_bridge.render.sensor import encode_jpeg

@@ -22,10 +22,16 @@ class RangeSensor:
 
     def scan(self, state: VehicleState) -> RangeScan | None:
         """What the vehicle's sensor reads in this state, or None when it is not due or the vehicle stands."""
-        if not state.flying or state.t_ns < self._next_ns.get(state.vehicle_id, 0):
+        if not self.due(state):
             return None
-        self._next_ns[state.vehicle_id] = (state.t_ns // SCAN_PERIOD_NS + 1) * SCAN_PERIOD_NS
         origins = np.broadcast_to(np.array(state.position_enu_m), RANGE_DIRECTIONS.shape)
         ranges = self._truth.cast(origins, RANGE_DIRECTIONS, self._reach_m, state.t_ns)
         return RangeScan(vehicle_id=state.vehicle_id, t_ns=state.t_ns, position_enu_m=state.position_enu_m,
                          ranges_m=ranges.tolist())
+
+    def due(self, state: VehicleState) -> bool:
+        """Whether it scans in this state; then not again for a while."""
+        if not state.flying or state.t_ns < self._next_ns.get(state.vehicle_id, 0):
+            return False
+        self._next_ns[state.vehicle_id] = (state.t_ns // SCAN_PERIOD_NS + 1) * SCAN_PERIOD_NS
+        return True

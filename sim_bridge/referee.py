@@ -73,12 +73,6 @@ class Referee:
         if horizon - self._judged * self._step_ns >= BATCH_NS:
             self._judge(horizon)
 
-    def drop(self, vehicle_id: int) -> None:
-        """This vehicle has left the clock: what it flew so far is judged, then it is forgotten."""
-        if vehicle_id in self._tracks:
-            self._judge(self._tracks[vehicle_id].states[-1].t_ns)
-            del self._tracks[vehicle_id]
-
     def finish(self) -> None:
         """Judge everything that is still waiting."""
         if self._tracks:

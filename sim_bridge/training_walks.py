@@ -18,8 +18,9 @@ from scipy import ndimage
 
 from missions.camera import Camera, Pose
 from missions.frames import Array, wrap_pi
-from missions.mission import CameraSpec, RenderSpec, SiteSpec
+from missions.mission import CameraSpec, SiteSpec
 from missions.pose_lattice import UNREACHED, PoseLattice
+from missions.simulation import RenderSpec
 from missions.training_walks import SUFFIX, TrainingWalk
 from sim_bridge.nbv.arena import scene_spec
 from sim_bridge.nbv.clearance import distances, segments_clear

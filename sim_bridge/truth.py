@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from missions.camera import Camera, Pose
 from missions.clock import SECOND_NS
 from missions.frames import Array
-from missions.mission import ObstacleSpec
+from missions.simulation import ObstacleSpec
+from missions.triangles import without_slivers
 
 Floats32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -33,6 +34,10 @@ class Truth:
         """vertices_enu_m (n, 3), faces (m, 3) of the whole scene; obstacles as in the mission file."""
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
         self._scene.add_triangles(_tensor(vertices_enu_m, np.float32), _tensor(faces, np.uint32))
+        self._near = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
+        pieces, _ = without_slivers(np.asarray(vertices_enu_m, np.float64)[faces])
+        self._near.add_triangles(_tensor(pieces.reshape(-1, 3), np.float32),
+                                 _tensor(np.arange(3 * len(pieces)).reshape(-1, 3), np.uint32))
         self._obstacles = list(obstacles)
         self._center = np.array([o.center_enu_m for o in obstacles]).reshape(-1, 3)
         self._half = 0.5 * np.array([o.size_m for o in obstacles]).reshape(-1, 3)
@@ -66,7 +71,7 @@ class Truth:
 
     def distance(self, points_enu_m: Array, t_ns: NDArray[np.int64]) -> Array:
         """(n,) distance of points (n, 3) to the nearest surface at times (n,); 0 inside a box."""
-        answer = self._scene.compute_distance(_tensor(points_enu_m, np.float32), nthreads=THREADS)
+        answer = self._near.compute_distance(_tensor(points_enu_m, np.float32), nthreads=THREADS)
         result: Array = answer.numpy().astype(np.float64)
         present = self._present(t_ns)
         for k in range(len(self._obstacles)):

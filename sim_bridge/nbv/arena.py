@@ -15,10 +15,11 @@ from missions.camera import Camera
 from missions.errors import UserError
 from missions.frames import Array
 from missions.messages import SiteBrief
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
 from missions.nbv_trial import TrialBrief
 from missions.pose_lattice import AXIS_STEPS, UNREACHED, Index5, Indices, PoseLattice
 from missions.scene_names import BUILT_IN, PREFIX
+from missions.simulation import SceneSpec
 from sim_bridge.nbv.clearance import distances, segments_clear
 from sim_bridge.nbv.rules import Rules, lattice_of, sensing_range_m
 from sim_bridge.nbv.visibility import Bits, count, seen_points

@@ -21,8 +21,9 @@ from rich.table import Table
 
 from missions.console import print_result
 from missions.errors import UserError
-from missions.mission import CameraSpec, RenderSpec
+from missions.mission import CameraSpec
 from missions.scene_names import BUILT_IN, PREFIX, check_scene_name
+from missions.simulation import RenderSpec
 from sim_bridge.nbv.campaign import Campaign, Row, Run, outcomes, short_name
 from sim_bridge.nbv.ledger import Ledger
 from sim_bridge.nbv.page import grouped, write_page
@@ -69,7 +70,7 @@ def _fly(runs: list[Run], campaign: Campaign, jobs: int, ledger: Ledger) -> tupl
 def _table(rows: list[Row]) -> Table:
     table = Table(title="Next best views: mean ± standard deviation over starts")
     for heading in ("scene", "fleet", "method", "runs", "AUC", "final", "ceiling", "hits", "unsafe", "m", "s",
-                    "s to 80 %", "s to 90 %", "s/step", "MiB"):
+                    "s to 80 %", "s to 90 %", "s/step", "s/round (CPU)", "MiB"):
         table.add_column(heading, justify="left" if heading in ("scene", "method") else "right")
     for (scene, vehicles), methods in grouped(rows).items():
         for method, group in methods.items():
@@ -79,6 +80,7 @@ def _table(rows: list[Row]) -> Table:
                 str(sum(r.unsafe_views for r in group)), f"{np.mean([r.metres for r in group]):.0f}",
                 f"{np.mean([r.seconds for r in group]):.0f}", _reached([r.seconds_to_80 for r in group]),
                 _reached([r.seconds_to_90 for r in group]), f"{np.mean([r.seconds_per_decision for r in group]):.3f}",
+                _whole_rounds(group),
                 f"{max(r.peak_memory_mib for r in group):.0f}")
         table.add_section()
     return table
@@ -86,6 +88,13 @@ def _table(rows: list[Row]) -> Table:
 
 def _spread(values: list[float]) -> str:
     return f"{np.mean(values):.3f} ± {np.std(values):.3f}"
+
+
+def _whole_rounds(rows: list[Row]) -> str:
+    """Seconds, and processor seconds, of deciding for the whole fleet at once, where it ever arrived together."""
+    found = [(r.seconds_per_round[r.vehicles], r.processor_seconds_per_round[r.vehicles]) for r in rows
+             if r.vehicles in r.seconds_per_round]
+    return "{:.2f} ({:.2f})".format(*np.mean(found, axis=0)) if found else "–"
 
 
 def _reached(seconds: list[float | None]) -> str:
@@ -99,7 +108,7 @@ def _reached(seconds: list[float | None]) -> str:
 def _rules(options: argparse.Namespace) -> Rules:
     camera = CameraSpec(diagonal_fov_deg=options.diagonal_fov_deg)
     return Rules(poses=options.poses, positions=options.positions, seed=options.seed, camera=camera,
-                 render=RenderSpec(backend=options.backend))
+                 render=RenderSpec(backend=options.backend), in_step=options.in_step)
 
 
 def _settings(given: list[str]) -> dict[str, str]:
@@ -123,6 +132,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--poses", type=int, default=101,
                         help="key poses of all vehicles together, the starts included (default %(default)s)")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1], metavar="N", help="fleet sizes (default 1)")
+    parser.add_argument("--in-step", action="store_true",
+                        help="vehicles wait for each other, so that every decision is one for the whole fleet")
     parser.add_argument("--positions", type=int, default=200,
                         help="free lattice positions, about (default %(default)s)")
     parser.add_argument("--diagonal-fov-deg", type=float, default=CameraSpec().diagonal_fov_deg,

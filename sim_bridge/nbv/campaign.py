@@ -74,6 +74,10 @@ class Row:
     """Wall time of the method's process: all pictures since the last decision taken in and the choice made."""
     seconds_per_choice: float
     """The choice alone."""
+    seconds_per_round: dict[int, float]
+    """By how many vehicles arrived together: their decisions, one after the other; the first round left out."""
+    processor_seconds_per_round: dict[int, float]
+    """Likewise, of all threads of the method's process together."""
     peak_memory_mib: float
     stopped_at: int | None
     """Key poses after which the method would have ended the exploration."""
@@ -155,10 +159,22 @@ def row_of(run: Run, record: Record, wall_s: float) -> Row:
         collisions=score.collisions, unsafe_views=score.unsafe_views, metres=round(score.metres[-1], 1),
         seconds=round(score.seconds[-1], 1), seconds_to_80=score.seconds_to(0.8), seconds_to_90=score.seconds_to(0.9),
         seconds_per_decision=round(_mean(deciding), 4), seconds_per_choice=round(_mean(choosing), 4),
+        seconds_per_round=_by_size(record.rounds, deciding),
+        processor_seconds_per_round=_by_size(record.rounds, [a.seconds_processor for a in answers]),
         peak_memory_mib=round(max((a.peak_memory_mib for a in answers), default=0.0), 1),
         stopped_at=record.stopped_at, wall_s=round(wall_s, 1), curve=[round(c, 4) for c in curve],
         curve_metres=[round(m, 1) for m in score.metres], curve_seconds=[round(s, 2) for s in score.seconds],
         estimates=[round(a.choice.coverage_estimate, 4) for a in answers], visited=score.visited)
+
+
+def _by_size(rounds: list[int], seconds: list[float]) -> dict[int, float]:
+    """Mean seconds of rounds by their number of answers, the first round left out."""
+    found: dict[int, list[float]] = {}
+    ends = np.cumsum(rounds)
+    for n, end in zip(rounds[1:], ends[1:], strict=True):
+        if n:
+            found.setdefault(n, []).append(sum(seconds[end - n:end]))
+    return {n: round(_mean(s), 4) for n, s in found.items()}
 
 
 def short_name(scene: str) -> str:

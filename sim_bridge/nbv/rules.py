@@ -13,8 +13,9 @@ import numpy as np
 
 from missions.errors import UserError
 from missions.frames import Array
-from missions.mission import CameraSpec, FleetSpec, RenderSpec
+from missions.mission import CameraSpec, FleetSpec
 from missions.pose_lattice import PoseLattice
+from missions.simulation import RenderSpec
 from sim_bridge.scenes.scene import Scene
 from sim_bridge.truth import Mask
 
@@ -45,6 +46,8 @@ class Rules(msgspec.Struct, frozen=True, kw_only=True):
     camera: CameraSpec = CameraSpec()
     fleet: FleetSpec = FleetSpec()
     render: RenderSpec = RenderSpec()
+    in_step: bool = False
+    """Vehicles wait for each other before they fly on, so that all are decided for together: what a round costs."""
 
 
 def sensing_range_m(scene: Scene) -> float:

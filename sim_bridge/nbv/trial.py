@@ -17,6 +17,9 @@ from planning.trajectories import Limits
 from sim_bridge.nbv.score import Score, flight_s
 from sim_bridge.render.renderer import Renderer
 
+TOGETHER_DIGITS = 6
+"""Vehicles that arrive in the same microsecond arrive together: all of their pictures come before any decision."""
+
 
 class Pilot(Protocol):
     """Who chooses: a method in a process of its own, or an oracle."""
@@ -36,6 +39,8 @@ class Record:
 
     score: Score
     answers: list[Answer] = field(default_factory=list)
+    rounds: list[int] = field(default_factory=list)
+    """How many answers were given one after the other without flight in between: to vehicles that arrived together."""
     stopped_at: int | None = None
     """Key poses flown when the pilot first would have ended the exploration."""
     pictures: int = 0
@@ -48,6 +53,7 @@ class Trial:
         """Without a renderer no pictures are taken."""
         self._brief, self._pilot, self._renderer = brief, pilot, renderer
         self._lattice, self._limits = brief.lattice, Limits.of_fleet(brief.fleet)
+        self._in_step = score.arena.rules.in_step
         self.record = Record(score)
         self.at: dict[int, Index5] = {}
         """Where each vehicle is, or flies from."""
@@ -66,12 +72,23 @@ class Trial:
             self._take_pictures(vehicle, start)
             self.at[vehicle] = start
             self.record.score.arrive(start, 0.0, None)
-        waiting = [vehicle for vehicle in self.at if self._depart(vehicle, 0.0, arrivals)]
+        waiting = self._round(list(self.at), 0.0, arrivals)
         while arrivals:
-            now, vehicle = heapq.heappop(arrivals)
-            self._arrive(vehicle, now)
-            waiting = [v for v in [vehicle, *waiting] if self._depart(v, now, arrivals)]
+            now = (max(arrivals) if self._in_step else arrivals[0])[0]
+            arrived = []
+            while arrivals and arrivals[0][0] <= now:
+                arrived.append(heapq.heappop(arrivals)[1])
+            for vehicle in arrived:
+                self._arrive(vehicle, now)
+            waiting = self._round([*arrived, *waiting], now, arrivals)
         return self.record
+
+    def _round(self, vehicles: list[int], now: float, arrivals: list[tuple[float, int]]) -> list[int]:
+        """Send all on their next legs; those that wait for the next arrival."""
+        answered = len(self.record.answers)
+        waiting = [vehicle for vehicle in vehicles if self._depart(vehicle, now, arrivals)]
+        self.record.rounds.append(len(self.record.answers) - answered)
+        return waiting
 
     def _arrive(self, vehicle: int, now: float) -> None:
         goal = self.goal.pop(vehicle)
@@ -101,7 +118,7 @@ class Trial:
             self.record.stopped_at = len(self.record.score.curve)
         here, there = self._lattice.pose(self.at[vehicle]), self._lattice.pose(choice.index)
         self.goal[vehicle] = choice.index
-        heapq.heappush(arrivals, (now + flight_s(here, there, self._limits), vehicle))
+        heapq.heappush(arrivals, (round(now + flight_s(here, there, self._limits), TOGETHER_DIGITS), vehicle))
         return False
 
     def _take_pictures(self, vehicle: int, goal: Index5) -> None:

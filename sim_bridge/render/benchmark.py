@@ -13,7 +13,8 @@ from rich.table import Table
 
 from missions.camera import Camera, Pose
 from missions.console import print_result
-from missions.mission import CameraSpec, RenderSpec, SceneSpec, SiteSpec
+from missions.mission import CameraSpec, SiteSpec
+from missions.simulation import RenderSpec, SceneSpec
 from sim_bridge.render.renderer import Renderer, make_renderer
 from sim_bridge.render.sensor import encode_jpeg
 from sim_bridge.scenes.load import load_scene

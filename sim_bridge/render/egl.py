@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
-from missions.mission import CameraSpec, RenderSpec
+from missions.mission import CameraSpec
 from sim_bridge.render import shaders
 from sim_bridge.render.geometry import Box, Geometry, boxes_geometry, geometry_of
-from sim_bridge.render.light import GRAIN_PERIODS_M, Bytes, land_irradiance, make_light, wave_drift
+from sim_bridge.render.light import GRAIN_PERIODS_M, Bytes, Light, land_irradiance, wave_drift
 from sim_bridge.render.sensor import SensorNoise
 from sim_bridge.render.shadow import fit_shadow
 from sim_bridge.scenes.scene import Scene
@@ -63,12 +63,12 @@ class _Target:
 class EglRenderer:
     """Renderer of one scene; see renderer.Renderer."""
 
-    def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
+    def __init__(self, scene: Scene, light: Light, camera_spec: CameraSpec, seed: int) -> None:
         """Raises EglUnavailableError."""
         self._context = _make_context()
         self._ground_up_m, self._seed = scene.ground_up_m, seed
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
-        self._light = make_light(spec, seed)
+        self._light = light
         self._shadow_frame = fit_shadow(scene, self._light.to_sun_enu)
         self._make_programs()
         self._scene = self._upload(geometry_of(scene.parts))

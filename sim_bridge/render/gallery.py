@@ -15,7 +15,8 @@ from PIL import Image, ImageDraw
 
 from missions.camera import Camera, Pose
 from missions.errors import UserError
-from missions.mission import CameraSpec, RenderSpec
+from missions.mission import CameraSpec
+from missions.simulation import RenderSpec
 from sim_bridge.render import make_renderer
 from sim_bridge.render.light import Bytes
 from sim_bridge.scenes.scene import Scene

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.mission import RenderSpec
+from missions.simulation import RenderSpec
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from missions.camera import Camera, Pose
-from missions.mission import CameraSpec, RenderSpec
+from missions.mission import CameraSpec
 from sim_bridge.render import light as look
 from sim_bridge.render.geometry import Box, Geometry, boxes_geometry, geometry_of, merged
-from sim_bridge.render.light import Bytes, Floats, make_light
+from sim_bridge.render.light import Bytes, Floats, Light
 from sim_bridge.render.sampling import Pyramid, Volume, sample_dome
 from sim_bridge.render.sensor import SensorNoise
 from sim_bridge.scenes.scene import Scene
@@ -46,10 +46,10 @@ class _World:
 class RaycastRenderer:
     """Renderer of one scene; see renderer.Renderer."""
 
-    def __init__(self, scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int) -> None:
+    def __init__(self, scene: Scene, light: Light, camera_spec: CameraSpec, seed: int) -> None:
         self._ground_up_m, self._seed = scene.ground_up_m, seed
         self._noise = SensorNoise(camera_spec.noise_dn, seed)
-        self._light = make_light(spec, seed)
+        self._light = light
         self._grain = Volume(self._light.grain)
         self._static = geometry_of(scene.parts)
         self._boxes: tuple[Box, ...] = ()

@@ -13,8 +13,9 @@ from rich.console import Console
 from rich.progress import track
 
 from missions.errors import UserError
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
 from missions.scene_names import FAMILIES, PREFIX, FamilyScene, is_scene_name, parse_family
+from missions.simulation import SceneSpec
 from sim_bridge.render.gallery import Card, check_suffix, portraits, write_gallery
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.export import export_scene

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.errors import UserError
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
 from missions.scene_names import check_scene_name, parse_family
+from missions.simulation import SceneSpec
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.families.registry import member_parts
 from sim_bridge.scenes.importer import Box, Imported, import_parts

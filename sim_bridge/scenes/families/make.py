@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
 from missions.scene_names import FamilyScene
+from missions.simulation import SceneSpec
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene
 
