@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import argparse
 import logging
-import signal
 import sys
-from typing import Any
+from contextlib import nullcontext
 
-from ground_station.director import Director
-from ground_station.fleet import Fleet
-from ground_station.ingest import Ingest
-from ground_station.prior import open_prior
+from ground_station.checkpoint import Checkpoints
+from ground_station.duty import Duty, take_part
+from ground_station.journal import Journal
+from ground_station.live.start import add_live_options, live_page
 from ground_station.progress import Progress
-from ground_station.recorder import Recorder
+from ground_station.station import Station
 from ground_station.survey_views import check_survey
-from missions import topics
+from ground_station.voice import Voice
 from missions.bus import DEFAULT_ENDPOINT, Bus
-from missions.clock import GROUND, SimClock
+from missions.clock import GROUND
 from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
-from missions.process import process_parser, run_process, uninterrupted
+from missions.process import end_when_told, process_parser, run_process
 from missions.run_folder import RunFolder
-
-HEARD: tuple[topics.Topic[Any], ...] = (
-    topics.MAVLINK_UP, topics.PLAN_VERDICT, topics.LEG_REPORT, topics.PICTURE_CHUNK, topics.RANGE_HITS,
-    topics.VEHICLE_STATE)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -35,52 +30,29 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _open(options: argparse.Namespace) -> None:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_when_told()
     if options.quiet:
         logging.getLogger().setLevel(logging.WARNING)
     mission = without_scene(load_mission(find_mission(options.mission)))
     check_survey(mission)
-    with Bus(GROUND, options.fleet, connect=options.connect) as bus, Progress(options.quiet) as progress:
-        fly(mission, RunFolder(options.run), bus, progress)
+    page = live_page(options.connect, options.fleet, options.port) if options.live else nullcontext()
+    with Bus(GROUND, options.fleet, connect=options.connect) as bus, page, Progress(options.quiet) as progress:
+        fly(mission, RunFolder(options.run), bus, progress, options.wait)
 
 
-def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress) -> None:
-    """Join the clock and run the mission to its end; whatever is known is written down, however it ends."""
-    for topic in HEARD:
-        bus.subscribe(topic)
-    clock = SimClock(bus, mission.mission_hash)
-    site = clock.join()
-    anchor = mission.site.anchor
-    mapped = ("explore", "survey") if mission.survey.refine else ("explore",)
-    ingest, recorder = Ingest(run, anchor, mission.clock.epoch_utc, mapped), Recorder(run, mission, site)
-    fleet = Fleet(mission, site, bus, ingest, recorder)
-    try:
-        director = Director(mission, site, fleet, bus, recorder, open_prior(mission, run, site))
-        while True:
-            turn = clock.next()
-            fleet.receive(turn)
-            director.step()
-            wake_ns = fleet.send()
-            if progress.due(director.phase):
-                status = director.status()
-                bus.publish(topics.STATUS, status)
-                progress.show(status)
-            if turn.stop or director.phase == "over":
-                break
-            clock.done(wake_ns)
-        if turn.stop:
-            recorder.note(turn.t_ns, "the clock was stopped before the mission was over")
-        clock.leave()
-    finally:
-        with uninterrupted():
-            recorder.write(fleet.t_ns)
-            ingest.close()
-            run.write_process_record(GROUND, messages_sent=bus.sent)
+def fly(mission: Mission, run: RunFolder, bus: Bus, progress: Progress, wait: bool = False) -> None:
+    """Join the clock and run the mission to its end; whatever is known is written down, however it ends. wait: time
+    begins when an operator says so."""
+    clock, site = take_part(bus, mission)
+    station = Station(mission, site, run, Voice(bus), wait)
+    journal = Journal.begin(run.journal, mission.mission_hash, site, wait)
+    Duty(clock, station, bus, journal, Checkpoints(run, mission, site), run).serve(progress)
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
     parser = process_parser("ground-station", __doc__ or "")
     parser.add_argument("--connect", default=DEFAULT_ENDPOINT, help="where sim_bridge listens (default %(default)s)")
+    add_live_options(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress display")
     return parser.parse_args(argv)
 

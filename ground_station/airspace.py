@@ -12,7 +12,7 @@ from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from missions.pads import geofence
+from missions.pads import fence_limit
 from missions.sensors import HIT_RADIUS_M, RANGE_DIRECTIONS
 from planning.paths import NoPath, ObstacleField, Reach, VoxelField, plan_path, reachable
 
@@ -38,7 +38,7 @@ class Airspace:
            hits_enu_m: Array = NO_HITS) -> Airspace:
         """The airspace of a map, where unknown is not free; or that of the prior model, where there is one. hits_enu_m:
         (n, 3) what stands in it all the same."""
-        lower, upper = geofence(mission, site)
+        lower, upper = fence_limit(mission, site)
         field: ObstacleField = VoxelField.from_grid(grid) if prior is None else prior.field
         return cls(field.with_spheres(hits_enu_m, HIT_RADIUS_M), mission.fleet.clearance_m + PLAN_MARGIN_M,
                    mission.fleet.separation_m, lower, upper)

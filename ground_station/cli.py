@@ -29,9 +29,15 @@ class Command:
 
 COMMANDS = (
     Command("fly", "ground_station.launcher:main", "fly a mission on this machine: all processes, model, report"),
+    Command("simulate", "ground_station.simulate:main", "a world and vehicles for MAVProxy, QGroundControl, MAVSDK"),
+    Command("resume", "ground_station.resume:main", "take up a mission whose ground station was killed"),
+    Command("replay", "ground_station.replay:main", "a run once more from its journal; are its decisions the same?"),
     Command("missions export", "ground_station.missions_export:main", "what a run flew, as .plan, waypoints or KML"),
+    Command("missions upload", "missions.transfer_commands:upload", "send a plan file to a vehicle and read it back"),
+    Command("missions download", "missions.transfer_commands:download", "what a vehicle holds, as a plan file"),
     Command("missions", "missions.commands:main", "list and explain the mission files"),
     Command("scenes", "sim_bridge.scenes.commands:main", "list, check and export true scenes"),
+    Command("live", "ground_station.live.__main__:main", "the live page of a mission under way"),
     Command("ground-station", "ground_station.__main__:main", "the ground station process alone"),
     Command("vehicle", "vehicle.__main__:main", "one vehicle process alone"),
     Command("sim-bridge", "sim_bridge.__main__:main", "the simulated world alone"),
@@ -49,6 +55,8 @@ COMMANDS = (
 
 BENCHMARKS = (
     Command("render", "sim_bridge.render.benchmark:main", "seconds per picture, beside the thesis's Table 5.2"),
+    Command("photographs", "ground_station.bench.photographs:main", "cameras of photographs beside where they stood"),
+    Command("photograph-set", "sim_bridge.render.photograph_set:main", "pictures as a person would bring them home"),
     Command("nbv", "sim_bridge.nbv.bench:main", "methods that choose views, beside oracles that know the truth"),
     Command("coverage", "ground_station.bench.coverage:main", "coverage estimated without truth, beside the truth"),
     Command("allocate", "ground_station.allocate.bench:main", "makespans of the methods, on files and as views grow"),
@@ -60,6 +68,10 @@ BENCHMARKS = (
     Command("depth", "ground_station.bench.depth:main", "depth of exploration pictures beside true depth"),
     Command("lidar", "ground_station.bench.lidar:main", "exploration's pictures beside a simulated LiDAR"),
     Command("imagination", "ground_station.bench.imagination:main", "imagined occupancy beside true occupancy"),
+    Command("recovery", "ground_station.bench.recovery:main", "how soon a killed ground station is replaced"),
+    Command("protocol", "ground_station.bench.protocol:main", "uploads over bad links; many vehicles behind a door"),
+    Command("reconstruct-growth", "ground_station.bench.reconstruct_growth:main", "what more pictures cost"),
+    Command("live", "ground_station.bench.live:main", "the live page: frames per second, memory after a long mission"),
     Command("deconflict", "vehicle.campaign:main", "random missions of simulated fleets in narrow, generated scenes"),
 )
 

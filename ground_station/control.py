@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ground_station.drone import Drone
 from ground_station.energy import EnergyBudget
-from ground_station.fleet import Drone, Fleet
+from ground_station.fleet import Fleet
 from ground_station.prior import Prior
 from ground_station.recorder import Recorder
+from ground_station.regions import Regions
+from ground_station.voice import Voice
 from missions import topics
-from missions.bus import Bus
 from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
@@ -23,21 +25,30 @@ MAX_RESCUES = 2
 class Control:
     """The mission's means, the same for every phase."""
 
-    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, bus: Bus, recorder: Recorder,
+    def __init__(self, mission: Mission, site: SiteBrief, fleet: Fleet, voice: Voice, recorder: Recorder,
                  prior: Prior | None = None) -> None:
         self.mission, self.site, self.fleet, self.recorder, self.prior = mission, site, fleet, recorder, prior
-        self.energy = EnergyBudget(mission, site)
-        self._bus = bus
+        self.energy, self.regions = EnergyBudget(mission, site), Regions(mission, site)
+        self.grid: VoxelGrid | None = None
+        """The newest map, as it is without what operators forbid."""
+        self._voice = voice
         self._sent_grid: VoxelGrid | None = None
         self._rescues: dict[int, int] = {}
 
     def send_map(self, grid: VoxelGrid) -> None:
-        """The map that is planned on, to the vehicles, when it has changed: this one, or the prior model's."""
-        if self.prior is not None:
-            grid = self.prior.grid
+        """The map that is planned on, to the vehicles, when it has changed: this one, or the prior model's; without
+        what operators forbid."""
+        self.grid = grid if self.prior is None else self.prior.grid
+        grid = self.regions.applied(self.grid)
         if self._sent_grid is None or not np.array_equal(self._sent_grid.state, grid.state):
-            self._bus.publish(topics.MAP_SNAPSHOT, grid.to_message(self.fleet.t_ns))
+            self._voice.publish(topics.MAP_SNAPSHOT, grid.to_message(self.fleet.t_ns))
             self._sent_grid = grid
+
+    def send_map_again(self) -> None:
+        """To vehicles that may have missed it."""
+        if self.grid is not None:
+            self._sent_grid = None
+            self.send_map(self.grid)
 
     def unmapped_hits(self, grid: VoxelGrid) -> Array:
         """(n, 3) what the vehicles' range sensors have hit and the map that is planned on does not show."""

@@ -56,5 +56,10 @@ class EnergyBudget:
         hovering_s = HANDLING_S + 0.5 * self._tick_s * sum(w.stop for w in waypoints)
         return self._energy.curve_percent(flight.curve) + self._energy.rest_percent(hovering_s)
 
+    def home_percent(self, vehicle_id: int, position_enu_m: Array) -> float:
+        """Of flying home from a position, detours included."""
+        home = (self._hover[vehicle_id - 1] - position_enu_m)[None]
+        return float(self._legs(home, DETOUR * np.linalg.norm(home, axis=1))[0])
+
     def _legs(self, displacement_enu_m: Array, length_m: Array) -> Array:
         return self._energy.leg_percent(displacement_enu_m, length_m, leg_time_s(length_m, self._limits))

@@ -1,4 +1,8 @@
-"""EXIF for received pictures, put into the JPEG without touching its pixels."""
+"""EXIF and XMP for received pictures, put into the JPEG without touching its pixels.
+
+Heights are above the WGS 84 ellipsoid: since EXIF 3.0, which the pictures declare, that is what GPSAltitudeRef 0 and 1
+mean (2 and 3 are the sea level); DJI's fields say it again (`dji_xmp.py`).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import numpy as np
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
+from ground_station.dji_xmp import dji_xmp
 from missions.frames import Site, heading_deg_from_yaw_enu
 from missions.messages import PictureMeta
 
@@ -17,13 +22,21 @@ MAKE, MODEL = "swarmscan", "swarmscan simulated camera"
 SOI, APP1 = b"\xff\xd8", b"\xff\xe1"
 
 
-def with_exif(jpeg: bytes, meta: PictureMeta, site: Site, epoch: datetime) -> bytes:
-    """The same picture with GPS position, direction, time and focal length in an EXIF segment.
+def with_metadata(jpeg: bytes, meta: PictureMeta, site: Site, epoch: datetime, home_up_m: float) -> bytes:
+    """The same picture with position, direction, time and focal length in an EXIF and an XMP segment.
 
-    epoch: simulated time zero.
+    epoch: simulated time zero. home_up_m: height of the vehicle's take-off point in ENU.
     """
-    payload = _exif(meta, site, epoch).tobytes()
-    return SOI + APP1 + (len(payload) + 2).to_bytes(2, "big") + payload + jpeg[2:]
+    segments = (_exif(meta, site, epoch).tobytes(), dji_xmp(meta, site, home_up_m))
+    return SOI + b"".join(APP1 + (len(s) + 2).to_bytes(2, "big") + s for s in segments) + jpeg[2:]
+
+
+def without_metadata(jpeg: bytes) -> bytes:
+    """The picture as it was before `with_metadata`."""
+    at = len(SOI)
+    for _ in range(2):
+        at += 2 + int.from_bytes(jpeg[at + 2:at + 4], "big")
+    return SOI + jpeg[at:]
 
 
 def _exif(meta: PictureMeta, site: Site, epoch: datetime) -> Image.Exif:
@@ -33,6 +46,7 @@ def _exif(meta: PictureMeta, site: Site, epoch: datetime) -> Image.Exif:
     exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = MAKE, MODEL
     exif[ExifTags.Base.DateTime] = taken.strftime("%Y:%m:%d %H:%M:%S")
     details = exif.get_ifd(ExifTags.IFD.Exif)
+    details[ExifTags.Base.ExifVersion] = b"0300"
     details[ExifTags.Base.DateTimeOriginal] = taken.strftime("%Y:%m:%d %H:%M:%S")
     details[ExifTags.Base.SubsecTimeOriginal] = f"{taken.microsecond // 1000:03d}"
     details[ExifTags.Base.FocalLength] = IFDRational(round(focal_mm * 10000), 10000)
@@ -49,7 +63,7 @@ def _gps(meta: PictureMeta, site: Site) -> dict[int, object]:
     heading = heading_deg_from_yaw_enu(meta.pose.yaw_enu_rad)
     gps = ExifTags.GPS
     return {
-        gps.GPSVersionID: b"\x02\x03\x00\x00",
+        gps.GPSVersionID: b"\x02\x04\x00\x00", gps.GPSMapDatum: "WGS-84",
         gps.GPSLatitudeRef: "N" if lat >= 0 else "S", gps.GPSLatitude: _dms(abs(lat)),
         gps.GPSLongitudeRef: "E" if lon >= 0 else "W", gps.GPSLongitude: _dms(abs(lon)),
         gps.GPSAltitudeRef: b"\x00" if alt >= 0 else b"\x01",

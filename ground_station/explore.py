@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ground_station.airspace import Airspace, joined
+from ground_station.decision import Asking, Busy, Decision, Leg
 from ground_station.energy import EnergyBudget
 from ground_station.exploration_log import ExplorationLog
 from ground_station.ingest import Picture
@@ -18,13 +19,14 @@ from ground_station.legs import column_leg, picture_leg
 from ground_station.novelty import Novelty
 from ground_station.obstacles import NO_HITS
 from ground_station.prior import Prior
+from ground_station.regions import Regions
 from missions.camera import Pose
 from missions.frames import Array, forward_enu
 from missions.grid import OCCUPIED, VoxelGrid
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief
 from missions.mission import Mission
-from missions.pads import camera_bounds, geofence, hover_points, takeoff_columns
+from missions.pads import camera_bounds, fence_limit, hover_points, takeoff_columns
 from perception.depth.depth_map import DepthMap
 from perception.mapping.explorer_map import ExplorerMap
 from planning.nbv.lattice import build_lattice
@@ -51,55 +53,21 @@ FALLBACK_TURN_RAD = math.radians(50.0)
 MAX_FALLBACKS = 6
 LEAST_GAIN_M2 = 0.5
 """No plan is flown whose best view promises less than this."""
+FLOWN_STEP_M = 0.25
+"""Ways that were flown are taken in by steps of this length."""
 MAYBE_OPEN = 0.5
 """Chance that a look opens the way to a position, and the factor for each look that did not."""
-
-
-@dataclass(frozen=True)
-class Asking:
-    """A hovering vehicle that wants a next view. usable_percent: of its battery, the way home included."""
-
-    vehicle_id: int
-    position_enu_m: Array
-    yaw_enu_rad: float
-    elevation_rad: float
-    usable_percent: float
-
-
-@dataclass(frozen=True)
-class Busy:
-    """A vehicle under way; goal is None when it has no view before it (it is climbing or going home)."""
-
-    vehicle_id: int
-    position_enu_m: Array
-    goal: Pose | None
-
-
-@dataclass(frozen=True)
-class Leg:
-    """A decision for one vehicle: the last waypoint is the key view."""
-
-    vehicle_id: int
-    waypoints: list[Waypoint]
-    goal: Pose
-    predicted_gain_m2: float | None = None
-    """New surface that the key view is expected to show; None where it was not chosen for that."""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Legs given out, and vehicles that can reach no candidate at all."""
-
-    legs: list[Leg]
-    stuck: list[int]
 
 
 class Explorer:
     """The shared map and the search over it."""
 
-    def __init__(self, mission: Mission, site: SiteBrief, prior: Prior | None = None) -> None:
+    def __init__(self, mission: Mission, site: SiteBrief, prior: Prior | None = None,
+                 regions: Regions | None = None) -> None:
+        """regions: what operators mark while it explores."""
         self._mission, self._site, self._prior = mission, site, prior
-        self.map = ExplorerMap(*geofence(mission, site), mission.explore.voxel_m)
+        self._regions = regions or Regions(mission, site)
+        self.map = ExplorerMap(*fence_limit(mission, site), mission.explore.voxel_m)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
         self._energy = EnergyBudget(mission, site)
         for lower, upper in takeoff_columns(mission, site):
@@ -113,6 +81,8 @@ class Explorer:
         self._novelty = Novelty(mission, site)
         self._imagined = self._novelty.imagined(self.grid)
         self.log, self._price = ExplorationLog(), Price(mission.explore.price_m2_per_m)
+        self.goal_coverage: float | None = None
+        """An operator's: explores until that is reached, whatever a view costs."""
         self._next_view_id = 1
         self.key_views: dict[int, Pose] = {}
         self._pictured: dict[tuple[int, int], Pose] = {}
@@ -120,6 +90,16 @@ class Explorer:
         """Key views' pictures as the map numbers them."""
         self.pictures_new = 0
         self._fallbacks: dict[int, int] = {}
+        self._flown: dict[int, Array] = {}
+
+    def flew(self, vehicle_id: int, position_enu_m: Array) -> None:
+        """Where a vehicle is in flight. What is known to be free on its way stays so, however later pictures judge it:
+        else the map may close around a vehicle that has long passed the place."""
+        begun = self._flown.setdefault(vehicle_id, position_enu_m)
+        if float(np.linalg.norm(position_enu_m - begun)) >= FLOWN_STEP_M:
+            radius_m = self._mission.fleet.clearance_m + 2.0 * self._mission.explore.voxel_m
+            self.map.hold_free(self.grid, begun, position_enu_m, radius_m)
+            self._flown[vehicle_id] = position_enu_m
 
     def add(self, picture: Picture) -> None:
         """Take in a picture; it is mapped at the next decision."""
@@ -165,17 +145,22 @@ class Explorer:
     def decide(self, asking: list[Asking], busy: list[Busy], hits_enu_m: Array = NO_HITS) -> Decision:
         """Next views for the hovering vehicles over the map as `refresh` left it. Ways keep clear of what vehicles have
         hit (n, 3) and the map does not show."""
-        airspace = Airspace.of(self.grid, self._mission, self._site, self._prior, hits_enu_m)
+        airspace = Airspace.of(self._regions.applied(self.grid), self._mission, self._site, self._prior, hits_enu_m)
         reaches = {a.vehicle_id: airspace.reach(a.position_enu_m, _mates(a, asking, busy)) for a in asking}
         claimed = [b.goal for b in busy if b.goal is not None]
         ways_m = np.array([reaches[a.vehicle_id].distance_to(self._lattice.positions_enu_m) for a in asking])
         may = np.array([self._may_go(a, way, claimed) for a, way in zip(asking, ways_m, strict=True)])
         askers = [Asker(a.vehicle_id, np.where(ok, w, np.inf)) for a, w, ok in zip(asking, ways_m, may, strict=True)]
         barred = np.isfinite(ways_m).any(axis=0) & ~may.any(axis=0)
-        plans = plan_views(self._novelty.without(self._imagined, claimed), self._lattice, self._camera,
-                           self._mission.explore.sensing_range_m, askers, self._chance(barred), self._ahead, self._pays)
+        imagined = replace(self._novelty.without(self._imagined, claimed), interest=self._regions.interest)
+        plans = plan_views(imagined, self._lattice, self._camera, self._mission.explore.sensing_range_m, askers,
+                           self._chance(barred), self._ahead, self._pays)
         stuck = [a.vehicle_id for a, way in zip(asking, ways_m, strict=True) if not np.isfinite(way).any()]
-        return Decision(self._legs(plans, airspace, reaches, asking, busy), stuck)
+        spent = [a.vehicle_id for a, way in zip(asking, ways_m, strict=True)
+                 if np.isfinite(way).any() and not self._affordable(a, way).any()]
+        limited = [a.vehicle_id for a, way in zip(asking, ways_m, strict=True)
+                   if (np.isfinite(way) & ~self._affordable(a, way)).any()]
+        return Decision(self._legs(plans, airspace, reaches, asking, busy), stuck, spent, limited)
 
     def _legs(self, plans: list[Plan], airspace: Airspace, reaches: dict[int, Reach], asking: list[Asking],
               busy: list[Busy]) -> list[Leg]:
@@ -212,6 +197,10 @@ class Explorer:
         if max(gains_m2) < LEAST_GAIN_M2:
             self.log.ended = f"no view promised {LEAST_GAIN_M2:g} m²"
             return False
+        if self.goal_coverage is not None:
+            reached = self.coverage >= self.goal_coverage
+            self.log.ended = f"the goal of {self.goal_coverage:.0%} coverage is reached" if reached else ""
+            return not reached
         return self.log.worth(gains_m2, legs_m, self._price)
 
     def column(self, vehicle_id: int) -> Leg:
@@ -263,10 +252,15 @@ class Explorer:
         positions = self._lattice.positions_enu_m
         away = np.linalg.norm(positions - a.position_enu_m, axis=1) > LEAST_BASELINE_M
         may = np.isfinite(way_m) & away if np.isfinite(way_m[away]).any() else np.isfinite(way_m)
-        may &= self._energy.affordable(a.vehicle_id, a.position_enu_m, positions, way_m, a.usable_percent)
+        may &= self._affordable(a, way_m)
         for goal in claimed:
             may &= np.linalg.norm(positions - np.array(goal.position_enu_m), axis=1) >= self._ahead.separation_m
         return may
+
+    def _affordable(self, a: Asking, way_m: Array) -> NDArray[np.bool_]:
+        """(p,) positions that it can reach with energy for the way home."""
+        return self._energy.affordable(a.vehicle_id, a.position_enu_m, self._lattice.positions_enu_m, way_m,
+                                       a.usable_percent)
 
     def _leg(self, a: Asking, path: Array, goal: Pose, gain_m2: float | None = None) -> Leg:
         start = Pose((0.0, 0.0, 0.0), a.yaw_enu_rad, a.elevation_rad)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from ground_station.control import Control
-from ground_station.explore import Asking, Busy, Explorer, Leg
-from ground_station.fleet import Drone, Stage
+from ground_station.decision import Asking, Busy, Leg
+from ground_station.drone import Drone, Stage
+from ground_station.explore import Explorer
 
 MAX_TROUBLE = 8
 """Refused or blocked legs in a row after which a vehicle stops exploring."""
+
+HALF_PERCENT = 50.0
+"""Below this, who finds nothing worth its flight within its battery looks farther with a fresh one, if it has one."""
 
 SHOWN_DEPTHS = 4
 """Pictures whose depth is kept for the report."""
@@ -19,10 +23,12 @@ class ExplorePhase:
     def __init__(self, control: Control) -> None:
         self._control, self._mission = control, control.mission
         self._fleet, self._recorder = control.fleet, control.recorder
-        self.explorer = Explorer(control.mission, control.site, control.prior)
+        self.explorer = Explorer(control.mission, control.site, control.prior, control.regions)
         self._legs: dict[int, Leg] = {}
         self._column_flown: set[int] = set()
         self._done_exploring: set[int] = set()
+        self._resting: set[int] = set()
+        """Who has come home for a fresh battery."""
         self._asked: set[int] = set()
         self._trouble: dict[int, int] = {}
         self._decisions = 0
@@ -41,9 +47,14 @@ class ExplorePhase:
                 self._asked.clear()
                 self._trouble.pop(picture.meta.vehicle_id, None)
         for drone in self._fleet.drones.values():
+            if drone.airborne:
+                self.explorer.flew(drone.vehicle_id, drone.position_enu_m)
             self._settle_leg(drone)
-        for drone in self._fleet.in_stage(Stage.PARKED):
-            if drone.available and drone.vehicle_id not in self._done_exploring:
+        for drone in self._fleet.free(Stage.PARKED):
+            if self._to_be_serviced(drone):
+                self._resting.discard(drone.vehicle_id)
+                self._fleet.swap(drone)
+            elif drone.available and drone.vehicle_id not in self._done_exploring | self._resting:
                 self._fleet.launch(drone)
         self._give_views()
 
@@ -61,7 +72,7 @@ class ExplorePhase:
         drone.refused = ""
 
     def _give_views(self) -> None:
-        ready = [d for d in self._fleet.in_stage(Stage.READY)
+        ready = [d for d in self._fleet.free(Stage.READY)
                  if d.vehicle_id not in self._done_exploring and d.standing]
         for drone in ready:
             if drone.vehicle_id not in self._column_flown:
@@ -75,14 +86,31 @@ class ExplorePhase:
         asking = [d for d in ready if d.stage is Stage.READY and d.vehicle_id not in self._done_exploring]
         if any(d.vehicle_id not in self._asked for d in asking):
             self._decide(asking)
-        if not self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
-            self._done_exploring.update(d.vehicle_id for d in asking)
+        if not self._news_to_come:
+            self._done_exploring.update(d.vehicle_id for d in asking if d.stage is Stage.READY)
+
+    @property
+    def _news_to_come(self) -> bool:
+        """Whether somebody is under way, or will be once an operator resumes it or it starts anew from its pad, who may
+        open ways for others."""
+        return bool(self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING, Stage.MISSING, Stage.SWAPPING)) or any(
+            (d.held or d.stage in (Stage.HOMING, Stage.PARKED)) and d.available
+            and d.vehicle_id not in self._done_exploring | self._resting for d in self._fleet.drones.values())
 
     def _rest(self, drone: Drone) -> None:
-        """Its share of the energy is used: it waits for the others on its pad, for hovering costs as much as flying."""
-        self._done_exploring.add(drone.vehicle_id)
+        """Its share of the energy is used: on its pad it gets a fresh battery, or waits for the others, for hovering
+        costs as much as flying."""
+        (self._resting if drone.swaps_left else self._done_exploring).add(drone.vehicle_id)
         self._control.note(f"vehicle {drone.vehicle_id} has explored as long as its battery allows")
         self._fleet.home(drone)
+
+    def _to_be_serviced(self, drone: Drone) -> bool:
+        """Whether a fresh battery lets it explore on. None is spent on that while somebody hovers who has energy and
+        finds nothing worth its flight."""
+        used = drone.spent or drone.vehicle_id in self._resting
+        if not (used and drone.swaps_left and not drone.dropped and drone.stage is not Stage.LOST):
+            return False
+        return self._decisions < self._mission.explore.max_views and not self._fleet.in_stage(Stage.READY)
 
     def _decide(self, asking: list[Drone]) -> None:
         explorer = self.explorer
@@ -99,7 +127,10 @@ class ExplorePhase:
             self._decisions += 1
             self._fly_leg(self._fleet.drones[leg.vehicle_id], leg)
         for drone in asking:
-            if drone.stage is Stage.READY:
+            if drone.stage is Stage.READY and (drone.vehicle_id in found.spent or (
+                    drone.vehicle_id in found.limited and drone.swaps_left and drone.battery_percent < HALF_PERCENT)):
+                self._rest(drone)
+            elif drone.stage is Stage.READY:
                 self._without_view(drone, drone.vehicle_id in found.stuck)
 
     def _without_view(self, drone: Drone, stuck: bool) -> None:
@@ -121,6 +152,16 @@ class ExplorePhase:
         self._asked.discard(drone.vehicle_id)
         self._fleet.fly(drone, "explore", leg.waypoints)
 
+    def aim_for(self, coverage: float) -> None:
+        """An operator's goal; who had stopped for want of worthwhile views goes on."""
+        self.explorer.goal_coverage = coverage
+        self._done_exploring -= {d.vehicle_id for d in self._fleet.in_stage(Stage.READY)}
+        self._asked.clear()
+
+    def think_again(self) -> None:
+        """An operator has changed where is flown or what counts: whoever had found nothing asks anew."""
+        self._asked.clear()
+
     def conclude(self) -> None:
         """Exploration is over: keep what it knew."""
         explorer = self.explorer
@@ -132,12 +173,14 @@ class ExplorePhase:
     @property
     def over(self) -> bool:
         """Whether nobody explores any more."""
-        if self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING):
+        if self._fleet.in_stage(Stage.FLYING, Stage.LAUNCHING, Stage.MISSING):
             return False
-        return all(not d.available or d.vehicle_id in self._done_exploring for d in self._fleet.drones.values())
+        return all(d.vehicle_id in self._done_exploring if d.available and d.vehicle_id not in self._resting
+                   else not self._to_be_serviced(d) for d in self._fleet.drones.values())
 
     def _usable_percent(self, drone: Drone) -> float:
-        return self._control.usable_percent(drone, exploring=True)
+        """Who can have a fresh battery keeps nothing of this one for the survey."""
+        return self._control.usable_percent(drone, exploring=not drone.swaps_left)
 
     def _asking(self, drone: Drone) -> Asking:
         state = drone.state

@@ -1,11 +1,13 @@
-"""Pictures from the vehicles: chunks together, hash checked, on disk with EXIF, and only then acknowledged."""
+"""Pictures from the vehicles: chunks together, hash checked, on disk with EXIF and XMP, and only then acknowledged."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import logging
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -13,16 +15,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ground_station.exif import SOI, with_exif
+from ground_station.exif import SOI, with_metadata
 from missions.clock import SECOND_NS
+from missions.disk import Disk
 from missions.errors import ProtocolError
 from missions.frames import Site
-from missions.messages import MAX_CHUNK, PictureAck, PictureChunk, PictureMeta
-from missions.run_folder import VIEW_COLUMNS, RunFolder, write_views
+from missions.lens import NONE, Distortion
+from missions.messages import MAX_CHUNK, PictureAck, PictureChunk, PictureMeta, Vector
+from missions.run_folder import RunFolder, write_views
+from perception.lens import redrawn
 
 log = logging.getLogger(__name__)
 
 ASK_AGAIN_S = 0.3
+CHECK_NS = SECOND_NS
 MAX_PICTURE_BYTES = 64 * 1024 * 1024
 PHASES = ("explore", "survey")
 
@@ -106,6 +112,12 @@ class Reassembly:
         """Pictures of which only a part has arrived."""
         return len(self._open)
 
+    def ask_again(self, meta: PictureMeta, count: int) -> None:
+        """A whole picture could not be kept: it is as if nothing of it had come."""
+        key = (meta.vehicle_id, meta.view_id, meta.sha256)
+        self._done.discard(key)
+        self._open[key] = Assembly(meta, count)
+
     def forget(self, vehicle_id: int) -> None:
         """Drop the unfinished pictures of a vehicle that is gone."""
         for key in [k for k in self._open if k[0] == vehicle_id]:
@@ -115,14 +127,17 @@ class Reassembly:
 class Ingest:
     """Reassembly with a disk: pictures and views.csv are written before anything is acknowledged."""
 
-    def __init__(self, run: RunFolder, site: Site, epoch_utc: str, mapped: Collection[str] = ("explore",)) -> None:
-        """mapped: phases whose pictures are decoded."""
-        self._run, self._site, self._mapped = run, site, mapped
+    def __init__(self, run: RunFolder, site: Site, epoch_utc: str, homes: Sequence[Vector],
+                 mapped: Collection[str] = ("explore",), lens: Distortion = NONE) -> None:
+        """homes: where each vehicle takes off, ENU metres. mapped: phases whose pictures are decoded. lens: its
+        distortion is taken out of the decoded picture; the file keeps it."""
+        self._run, self._site, self._homes, self._mapped, self._lens = run, site, homes, mapped, lens
         self._epoch = datetime.fromisoformat(epoch_utc)
         self._reassembly = Reassembly()
         self._rows: list[list[object]] = []
-        self._views = run.views_csv.open("w", newline="", encoding="utf-8")
-        csv.writer(self._views).writerow(VIEW_COLUMNS)
+        self.disk = Disk(run.pictures)
+        self._checked_ns = 0
+        write_views(run.views_csv, [])
         self.refused = 0
 
     @property
@@ -146,30 +161,50 @@ class Ingest:
         if result is None or isinstance(result, PictureAck):
             return result, None
         meta, jpeg = result
-        self._store(meta, jpeg)
+        if not self._store(meta, jpeg):
+            self._reassembly.ask_again(meta, chunk.count)
+            return None, None
         rgb = decode_rgb(jpeg) if meta.phase in self._mapped else None
+        if rgb is not None and self._lens != NONE:
+            rgb = redrawn(rgb, meta.camera, self._lens, meta.camera)
         return PictureAck(view_id=meta.view_id, sha256=meta.sha256), Picture(meta, rgb)
 
     def overdue(self, t_ns: int) -> list[tuple[int, PictureAck]]:
-        """Requests for chunks that did not come."""
-        return self._reassembly.overdue(t_ns)
+        """Requests for chunks that did not come; none while they could not be kept."""
+        if t_ns - self._checked_ns >= CHECK_NS:
+            self._checked_ns = t_ns
+            self.disk.check()
+        return [] if self.disk.trouble else self._reassembly.overdue(t_ns)
+
+    @property
+    def trouble(self) -> str:
+        """Why the run's disk takes no pictures, to follow "the disk"; "" when it does."""
+        return self.disk.trouble
 
     def forget(self, vehicle_id: int) -> None:
         """No more chunks will come from this vehicle."""
         self._reassembly.forget(vehicle_id)
 
-    def close(self) -> None:
-        """Write views.csv in its final order."""
-        self._views.close()
+    def rewind(self) -> None:
+        """Forget on disk what came after this state was kept."""
         write_views(self._run.views_csv, self._rows)
 
-    def _store(self, meta: PictureMeta, jpeg: bytes) -> None:
+    def close(self) -> None:
+        """Write views.csv in its final order; where the disk takes no more it stays as it was written in flight."""
+        with suppress(OSError):
+            write_views(self._run.views_csv, self._rows)
+
+    def _store(self, meta: PictureMeta, jpeg: bytes) -> bool:
+        """Whether picture and row are on disk."""
         path = self._run.picture(meta.vehicle_id, meta.view_id)
-        path.write_bytes(with_exif(jpeg, meta, self._site, self._epoch))
-        row = self._run.view_row(meta)
-        self._rows.append(row)
-        csv.writer(self._views).writerow(row)
-        self._views.flush()
+        home_up_m = self._homes[meta.vehicle_id - 1][2]
+        row, line = self._run.view_row(meta), io.StringIO(newline="")
+        csv.writer(line).writerow(row)
+        kept = (self.disk.write(path, with_metadata(jpeg, meta, self._site, self._epoch, home_up_m))
+                and self.disk.append(self._run.views_csv, line.getvalue().encode()))
+        if kept:
+            self._rows.append(row)
+        return kept
 
 
 def decode_rgb(jpeg: bytes) -> NDArray[np.uint8] | None:

@@ -11,6 +11,7 @@ FLOWN = "flown"
 UNREACHABLE = "unreachable"
 ENERGY = "energy"
 LOST = "lost"
+OPERATOR = "operator"
 MAX_BLOCKED = 2
 """A view that this many vehicles found blocked is unreachable."""
 

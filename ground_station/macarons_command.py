@@ -30,9 +30,10 @@ from missions.macarons_settings import (
     read_settings,
     write_settings,
 )
-from missions.mission import CameraSpec, ExploreSpec, Mission, SceneSpec, SiteSpec
+from missions.mission import CameraSpec, ExploreSpec, Mission, SiteSpec
 from missions.mission_file import load_mission, write_mission
 from missions.run_folder import RunFolder
+from missions.simulation import SceneSpec
 
 LEAST_M = 0.1
 

@@ -2,7 +2,7 @@
 
 One file per vehicle and sortie: every picture with the gimbal's pitch, the ways between as they were flown, the
 geofence (not in waypoint files) and the return. Take off before starting the mission. Altitudes are above the
-sea if the mission's site.origin_alt_m is.
+sea if the mission's site.origin_alt_m is. With --format mcap one recording of the whole run, for Foxglove.
 """
 
 from __future__ import annotations
@@ -10,11 +10,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rich.table import Table
-
 from ground_station.flown_plan import FlownPlan, flown_plans
+from ground_station.mcap_export import write_recording
 from ground_station.report.run_data import RunData, read_run
-from missions.console import print_result
+from missions.console import print_rows
 from missions.errors import UserError
 from missions.kml import write_kml
 from missions.qgc_plan import write_plan
@@ -22,24 +21,33 @@ from missions.run_folder import RunFolder
 from missions.waypoint_file import write_waypoints
 
 PHASES = ("survey", "explore")
-FORMATS = ("plan", "waypoints", "kml")
+FORMATS = ("plan", "waypoints", "kml", "mcap")
 
 
 def main(argv: list[str] | None = None) -> int:
     """The command; says what it wrote."""
     options = _parser().parse_args(argv)
     data = read_run(RunFolder(options.run))
+    if options.format == "mcap":
+        print_rows(_recording(data, options.out or data.run.recording), options.json)
+        return 0
     phase = options.phase or next((p for p in PHASES if any(v.phase == p for v in data.views)), PHASES[0])
-    rows = []
+    rows: list[dict[str, object]] = []
     for flown, path in _targets(options, _chosen(options, data, phase), phase):
         _write(path, flown, options.format, data)
         rows.append({"file": str(path), "vehicle": flown.vehicle_id, "sortie": flown.sortie, "phase": phase,
                      "pictures": flown.pictures, "items": len(flown.plan.mission)})
-    table = Table(*rows[0].keys())
-    for row in rows:
-        table.add_row(*(str(v) for v in row.values()))
-    print_result(rows, table, options.json)
+    print_rows(rows, options.json)
     return 0
+
+
+def _recording(data: RunData, path: Path) -> list[dict[str, object]]:
+    """Topics of the recording and how many messages went out on each."""
+    try:
+        counts = write_recording(data, path)
+    except OSError as e:
+        raise _unwritable(path, e) from e
+    return [{"file": str(path), "topic": topic, "messages": count} for topic, count in counts.items()]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -50,7 +58,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--phase", choices=PHASES, help="whose pictures; default: the survey's, if there are any")
     parser.add_argument("--vehicle", type=int, metavar="N", help="this vehicle alone")
     parser.add_argument("--out", type=Path, metavar="FILE",
-                        help="where one vehicle's plan goes; default RUN/plans/uavN_PHASE.FORMAT for each")
+                        help="where one vehicle's plan goes; default RUN/plans/uavN_PHASE.FORMAT for each, "
+                             "RUN/run.mcap for a recording")
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     return parser
 
@@ -88,4 +97,8 @@ def _write(path: Path, flown: FlownPlan, kind: str, data: RunData) -> None:
         else:
             write_kml(path, flown.plan, f"{data.mission.title}: vehicle {flown.vehicle_id}")
     except OSError as e:
-        raise UserError(f"{path}: cannot be written ({e}); give a path in a folder that exists with --out.") from e
+        raise _unwritable(path, e) from e
+
+
+def _unwritable(path: Path, error: OSError) -> UserError:
+    return UserError(f"{path}: cannot be written ({error}); give a path in a folder that exists with --out.")

@@ -1,9 +1,10 @@
-"""`swarmscan export RUN`: the cloud and the cameras of a finished run, in the formats of other programs."""
+"""`swarmscan export RUN`: what a finished run made, in the formats of other programs."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,14 +17,19 @@ from missions.console import print_result
 from missions.errors import UserError
 from missions.frames import Site
 from missions.run_folder import RunFolder
+from perception.products.geotiff import write_dsm, write_orthophoto
+from perception.products.model_files import read_model
+from perception.products.rasters import Raster, seen_from_above
 from perception.reconstruct.aligned_poses import alignment_numbers, read_poses
 from perception.reconstruct.bundle import Accuracy
 from perception.reconstruct.camera_reference import write_geo, write_metashape
 from perception.reconstruct.cloud import Cloud, read_cloud
 from perception.reconstruct.colmap_model import MODEL_FILES, write_model
 from perception.reconstruct.las import write_las
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 from perception.reconstruct.projection import Projection, projection
+from perception.reconstruct.realitycapture_xmp import write_realitycapture
 
 ELLIPSOIDAL = "metres above the WGS 84 ellipsoid"
 
@@ -35,6 +41,7 @@ class Export:
     data: RunData
     folder: Path
     epsg: int | None = None
+    gsd_m: float | None = None
 
     @cached_property
     def site(self) -> Site:
@@ -61,6 +68,12 @@ class Export:
         return cloud
 
     @cached_property
+    def raster(self) -> Raster:
+        """The textured model from above, at gsd_m, else at the survey's. Raises UserError when there is no model."""
+        return seen_from_above(read_model(self.data.run.model), self.projection,
+                               self.gsd_m or self.data.mission.survey.gsd_m)
+
+    @cached_property
     def aligned(self) -> bool:
         """Whether the run has poses from bundle adjustment."""
         return alignment_numbers(self.data.run.alignment) is not None
@@ -79,6 +92,14 @@ class Export:
             raise UserError(f"{self.data.run.alignment}: made from other pictures than those in views.csv; run "
                             "'swarmscan reconstruct' again.")
         return [pose.applied(p) for pose, p in zip(poses, pictures, strict=True)]
+
+
+    @cached_property
+    def optics(self) -> Optics:
+        """Of the files in pictures/: as alignment found it, else as the mission says."""
+        numbers = alignment_numbers(self.data.run.alignment)
+        return Optics.from_numbers(numbers["camera"]) if numbers is not None else \
+            Optics(self.pictures[0].camera, self.data.mission.camera.distortion)
 
 
 def las(export: Export) -> list[Path]:
@@ -100,7 +121,7 @@ def colmap(export: Export) -> list[Path]:
         for name in MODEL_FILES:
             shutil.copyfile(export.data.run.alignment / name, folder / name)
     else:
-        write_model(folder, pictures)
+        write_model(folder, pictures, export.optics)
     site = export.site
     (folder / "origin.json").write_text(json.dumps(
         {"world": "local East, North, Up, metres", "origin_lat_deg": site.lat_deg, "origin_lon_deg": site.lon_deg,
@@ -115,6 +136,13 @@ def metashape(export: Export) -> list[Path]:
     return [path]
 
 
+def realitycapture(export: Export) -> list[Path]:
+    """realitycapture/: an XMP file per picture, in the site's ENU frame"""
+    folder = export.folder / "realitycapture"
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_realitycapture(export.pictures, export.optics, folder)
+
+
 def geo(export: Export) -> list[Path]:
     """geo.txt"""
     path = export.folder / "geo.txt"
@@ -122,27 +150,44 @@ def geo(export: Export) -> list[Path]:
     return [path]
 
 
+def orthophoto(export: Export) -> list[Path]:
+    """orthophoto.tif"""
+    path = export.folder / "orthophoto.tif"
+    write_orthophoto(export.raster, path)
+    return [path]
+
+
+def dsm(export: Export) -> list[Path]:
+    """dsm.tif"""
+    path = export.folder / "dsm.tif"
+    write_dsm(export.raster, path)
+    return [path]
+
+
 FORMATS: dict[str, Callable[[Export], list[Path]]] = {
-    "las": las, "laz": laz, "colmap": colmap, "metashape": metashape, "geo": geo}
+    "las": las, "laz": laz, "colmap": colmap, "metashape": metashape,
+    "realitycapture": realitycapture, "geo": geo, "orthophoto": orthophoto, "dsm": dsm}
 CLOUDS = ("las", "laz")
-USUAL = ("laz", "colmap", "metashape", "geo")
+RASTERS = ("orthophoto", "dsm")
+USUAL = ("laz", "colmap", "metashape", "realitycapture", "geo")
 
 
-def export_run(run: RunFolder, formats: list[str], folder: Path, epsg: int | None = None) -> dict[str, Any]:
+def export_run(run: RunFolder, formats: list[str], folder: Path, epsg: int | None = None,
+               gsd_m: float | None = None) -> dict[str, Any]:
     """Write the formats into the folder; returns what was written, in which CRS, what heights are above, whose poses.
 
     Raises UserError when the run lacks what a format needs, when the CRS does not suit, or nothing can be written.
     """
-    export = Export(read_run(run), folder, epsg)
-    clouds = any(name in CLOUDS for name in formats)
+    export = Export(read_run(run), folder, epsg, gsd_m)
     document: dict[str, Any] = {"heights": ELLIPSOIDAL}
-    if clouds:
-        crs = export.projection.horizontal
-        document |= {"points": len(export.cloud), "crs": f"EPSG:{export.projection.epsg}", "crs_name": crs.name,
-                     "crs_scale": round(export.projection.scale, 7),
-                     "crs_accuracy_m": export.projection.accuracy_m,
-                     "heights": f"metres above the {crs.ellipsoid.name if crs.ellipsoid else ''} ellipsoid"}
-    if any(name not in CLOUDS for name in formats):
+    if set(formats) & {*CLOUDS, *RASTERS}:
+        document |= _crs(export)
+    if set(formats) & set(CLOUDS):
+        document |= {"points": len(export.cloud)}
+    if set(formats) & set(RASTERS):
+        rows, columns = export.raster.height_m.shape
+        document |= {"cells": [columns, rows], "gsd_m": export.raster.gsd_m}
+    if set(formats) - {*CLOUDS, *RASTERS}:
         document |= {"pictures": len(export.pictures), "poses": _poses(export)}
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -150,6 +195,14 @@ def export_run(run: RunFolder, formats: list[str], folder: Path, epsg: int | Non
     except OSError as e:
         raise UserError(f"{folder}: cannot be written ({e.strerror or e}); choose another folder with --out.") from e
     return {**document, "files": [str(path) for path in files]}
+
+
+def _crs(export: Export) -> dict[str, Any]:
+    """In which CRS places are, and what heights are above."""
+    crs = export.projection.horizontal
+    return {"crs": f"EPSG:{export.projection.epsg}", "crs_name": crs.name,
+            "crs_scale": round(export.projection.scale, 7), "crs_accuracy_m": export.projection.accuracy_m,
+            "heights": f"metres above the {crs.ellipsoid.name if crs.ellipsoid else ''} ellipsoid"}
 
 
 def _las(export: Export, name: str) -> Path:
@@ -163,13 +216,14 @@ def _poses(export: Export) -> str:
 
 
 def main(argv: list[str]) -> int:
-    """Cloud and cameras of a run for other programs."""
+    """Cloud, cameras, orthophoto and surface model of a run for other programs."""
     options = _parser().parse_args(argv)
     root = Path(options.run)
     if not root.is_dir():
         raise UserError(f"{root}: no such run folder; give the folder that 'swarmscan fly' made.")
     folder = Path(options.out) if options.out else root / "export"
-    document = export_run(RunFolder(root.resolve()), list(dict.fromkeys(options.format)), folder, options.crs)
+    document = export_run(RunFolder(root.resolve()), list(dict.fromkeys(options.format)), folder, options.crs,
+                          options.gsd)
     print_result(document, "\n".join(_sentences(document)), options.json)
     return 0
 
@@ -181,7 +235,9 @@ def _parser() -> argparse.ArgumentParser:
                         help=f"any of {', '.join(FORMATS)} (default: {' '.join(USUAL)})")
     parser.add_argument("--out", metavar="DIR", help="where to (default: RUN/export)")
     parser.add_argument("--crs", type=_epsg, metavar="EPSG",
-                        help="projected CRS of the cloud, in metres (default: the UTM zone of the site)")
+                        help="projected CRS of cloud and rasters, in metres (default: the UTM zone of the site)")
+    parser.add_argument("--gsd", type=_metres, metavar="M",
+                        help="cell of orthophoto and dsm in metres (default: survey.gsd_m)")
     parser.add_argument("--json", action="store_true", help="print one JSON document on stdout")
     return parser
 
@@ -194,11 +250,26 @@ def _epsg(text: str) -> int:
     return int(code)
 
 
+def _metres(text: str) -> float:
+    """A positive length."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: give metres, such as 0.02")
+    return value
+
+
 def _sentences(document: dict[str, Any]) -> list[str]:
     lines = []
     if "points" in document:
         lines.append(f"{document['points']} points in {document['crs']} ({document['crs_name']}), heights in "
                      f"{document['heights']}")
+    if "cells" in document:
+        columns, rows = document["cells"]
+        lines.append(f"{columns} x {rows} cells of {document['gsd_m']:g} m in {document['crs']} "
+                     f"({document['crs_name']}), heights in {document['heights']}")
     if "pictures" in document:
         lines.append(f"{document['pictures']} pictures with {document['poses']} poses, heights in {ELLIPSOIDAL}")
     return [*lines, *document["files"]]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,14 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.clock import SECOND_NS
+from missions.disk import Disk
+from missions.errors import DiskError
 from missions.frames import Array
 from missions.grid import SurfaceVoxels, VoxelGrid
 from missions.messages import PictureMeta, SiteBrief, VehicleState
 from missions.mission import Mission
 from missions.run_folder import RunFolder
+from missions.tlog import Tlog
 from perception.depth.depth_map import DepthMap
 
 RATE_HZ = 10
+PATIENCE_S = 60.0
+"""For files that are written once."""
 
 
 @dataclass
@@ -75,12 +82,17 @@ class Recorder:
 
     def __init__(self, run: RunFolder, mission: Mission, site: SiteBrief) -> None:
         self._run, self._mission, self._site = run, mission, site
+        self._disk = Disk(run.root, PATIENCE_S, slow_s=PATIENCE_S)
+        self._unwritten: dict[Path, bytes] = {}
+        """What the disk has not taken; it is tried once more at the end."""
         self.tracks = {k: Track() for k in range(1, mission.fleet.vehicles + 1)}
         self.phases: dict[str, dict[str, float]] = {}
         self.battery_at_view: list[dict[str, float | int]] = []
         self.predicted_coverage: list[float] = []
         self.exploration: dict[str, Any] = {}
         """See `ExplorationLog.document`."""
+        self.mavlink = Tlog(run.tlog, mission.clock.epoch_utc)
+        """Every frame from and to the vehicles; on disk as the flight goes on."""
         self.notes: list[str] = []
         self.outcomes: dict[str, str] = {}
         self.outcome_details: dict[str, str] = {}
@@ -131,18 +143,21 @@ class Recorder:
 
     def write_map(self, grid: VoxelGrid, surface: SurfaceVoxels) -> None:
         """Write map.npz, what the survey was planned on."""
-        np.savez_compressed(self._run.map, origin_enu_m=grid.origin_enu_m, voxel_m=grid.voxel_m, state=grid.state,
-                            surface_position_enu_m=surface.position_enu_m, surface_normal_enu=surface.normal_enu,
-                            surface_seen_count=surface.seen_count)
+        self._keep(self._run.map, _npz(
+            origin_enu_m=grid.origin_enu_m, voxel_m=grid.voxel_m, state=grid.state,
+            surface_position_enu_m=surface.position_enu_m, surface_normal_enu=surface.normal_enu,
+            surface_seen_count=surface.seen_count))
 
     def write_depths(self, depths: dict[int, DepthMap]) -> None:
         """Write explore_depth.npz: depth by view id, all of one size."""
         known = [np.where(d.valid, d.depth_m, np.nan).astype(np.float16) for d in depths.values()]
-        np.savez_compressed(self._run.explore_depth, view_id=np.array(list(depths), dtype=np.int64),
-                            depth_m=np.array(known))
+        self._keep(self._run.explore_depth, _npz(view_id=np.array(list(depths), dtype=np.int64),
+                                                 depth_m=np.array(known)))
 
     def write(self, t_ns: int) -> None:
-        """Write trajectories.npz and flight.json; a phase that was cut short ends here."""
+        """Write trajectories.npz, flight.json and the rest of the tlog; a phase that was cut short ends here. Raises
+        DiskError, with all written that could be."""
+        self.mavlink.flush()
         for phase in self._wall.keys() - self._ended:
             self.end(phase, t_ns)
         arrays: dict[str, Any] = {}
@@ -150,8 +165,18 @@ class Recorder:
             arrays |= {f"uav{k}_{name}": values for name, values in track.sampled().items()}
             arrays[f"uav{k}_view_ids"] = np.array(track.view_ids, dtype=np.int64)
             arrays[f"uav{k}_origin_ids"] = np.array(track.origin_ids, dtype=np.int64)
-        np.savez_compressed(self._run.trajectories, **arrays)
-        self._run.flight.write_text(json.dumps(self._flight(t_ns), indent=1), encoding="utf-8")
+        self._keep(self._run.trajectories, _npz(**arrays))
+        self._keep(self._run.flight, json.dumps(self._flight(t_ns), indent=1).encode())
+        for path in list(self._unwritten):
+            self._keep(path, self._unwritten.pop(path))
+        missing = [path.name for path in self._unwritten]
+        if missing:
+            raise DiskError(f"{self._run.root}: the disk {self._disk.trouble}, and {', '.join(missing)} could not be "
+                            "written; pictures that it took are kept, the others are on the vehicles' cards.")
+
+    def _keep(self, path: Path, data: bytes) -> None:
+        if not self._disk.write(path, data):
+            self._unwritten[path] = data
 
     def _flight(self, t_ns: int) -> dict[str, Any]:
         values = list(self.outcomes.values())
@@ -171,3 +196,9 @@ class Recorder:
             "battery_at_view": self.battery_at_view, "predicted_coverage": self.predicted_coverage,
             "exploration": self.exploration, "notes": self.notes,
         }
+
+
+def _npz(**arrays: Any) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import logging
-import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,9 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from ground_station import cloud_evaluation
+from ground_station import cloud_evaluation, photograph_stage
+from ground_station.control_file import copy_control, read_control
+from ground_station.reconstruction import Tell, reconstruct_run
 from ground_station.report.measure import measure
 from ground_station.report.metrics import assemble
 from ground_station.report.page import write_page
@@ -24,58 +24,6 @@ from ground_station.report.run_data import RunData, read_run
 from missions.errors import UserError
 from missions.process import run_process
 from missions.run_folder import RunFolder
-from perception.reconstruct.alignment import align
-from perception.reconstruct.bundle import Accuracy
-from perception.reconstruct.cloud import write_cloud
-from perception.reconstruct.mesh import poisson_mesh, write_mesh
-from perception.reconstruct.pictures import SurveyPicture
-from perception.reconstruct.pipeline import Settings, reconstruct
-
-log = logging.getLogger(__name__)
-
-Tell = Callable[[str, int, int], None]
-
-
-def reconstruct_run(run: RunFolder, keep_depth: bool = False,
-                    tell: Tell = lambda stage, done, total: None) -> dict[str, Any]:
-    """Survey pictures to aligned poses, cloud.ply and mesh.ply. Depth maps stay in depth/ until it is done, and after
-    it on request.
-
-    Returns counts and seconds. Raises UserError when there are too few pictures or one cannot be read.
-    """
-    started = time.monotonic()
-    data = read_run(run)
-    depth_folder = run.root / "depth"
-    pictures = _aligned(data, tell)
-    cloud = reconstruct(pictures, data.region(), settings(data), depth_folder, tell)
-    log.info("%d pictures gave %d points in %.1f s", len(pictures), len(cloud), time.monotonic() - started)
-    if not len(cloud):
-        raise UserError(f"{run.views_csv}: fewer than {data.mission.reconstruct.min_confidence} depth maps agree on "
-                        "any point; lower reconstruct.min_confidence in mission.toml or fly more views.")
-    write_cloud(cloud, run.cloud)
-    result: dict[str, Any] = {"pictures": len(pictures), "points": len(cloud), "cloud": str(run.cloud)}
-    if data.mission.reconstruct.mesh:
-        tell("mesh", 0, 1)
-        mesh = poisson_mesh(cloud)
-        write_mesh(mesh, run.mesh)
-        tell("mesh", 1, 1)
-        result |= {"triangles": len(mesh.triangles), "mesh": str(run.mesh)}
-    if not keep_depth:
-        shutil.rmtree(depth_folder, ignore_errors=True)
-    return _finish(run, "reconstruct", started, result)
-
-
-def _aligned(data: RunData, tell: Tell) -> list[SurveyPicture]:
-    """The survey's pictures, with aligned poses where the mission asks for them and poses are not exact."""
-    pictures, mission = data.survey_pictures(), data.mission
-    accuracy = Accuracy.of(mission.camera)
-    if accuracy.exact or not mission.reconstruct.align:
-        shutil.rmtree(data.run.alignment, ignore_errors=True)
-        return pictures
-    alignment = align(pictures, accuracy, mission.survey.distance_m, data.run.alignment, settings(data).threads, tell)
-    log.info("%d of %d pictures aligned, reprojection error %s px", alignment.numbers["registered"], len(pictures),
-             alignment.numbers["reprojection_px"])
-    return alignment.pictures
 
 
 def evaluate_run(run: RunFolder) -> dict[str, Any]:
@@ -98,14 +46,6 @@ def report_run(run: RunFolder) -> dict[str, Any]:
     return result
 
 
-def settings(data: RunData) -> Settings:
-    """Reconstruction settings of the run's mission."""
-    spec = data.mission.reconstruct
-    return Settings(depth_width_px=min(spec.depth_width_px, data.mission.camera.survey_px[0]),
-                    pairs_per_picture=spec.pairs_per_picture, min_confidence=spec.min_confidence,
-                    spacing_m=spec.cloud_spacing_m, distance_m=data.mission.survey.distance_m)
-
-
 def _finish(run: RunFolder, name: str, started: float, result: dict[str, Any]) -> dict[str, Any]:
     wall_s = round(time.monotonic() - started, 2)
     run.write_process_record(name, wall_s=wall_s)
@@ -118,8 +58,14 @@ def _write_metrics(data: RunData, document: dict[str, Any]) -> dict[str, Any]:
 
 
 def main_reconstruct(argv: list[str]) -> int:
-    """`swarmscan reconstruct RUN`."""
+    """`swarmscan reconstruct RUN`, or `swarmscan reconstruct PICTURES` on a folder of photographs."""
     options = _options("reconstruct", argv)
+    if photograph_stage.asked_for(options):
+        return photograph_stage.main(options, _progress)
+    if options.control is not None:
+        run = _run_folder(options)
+        copy_control(read_control(options.control, options.control_crs), read_run(run).mission.site.anchor,
+                     run.control_points)
     with _progress() as tell:
         result = reconstruct_run(_run_folder(options), options.keep_depth, tell)
     _print(options, result, f"{result['points']} points from {result['pictures']} pictures in "
@@ -143,7 +89,10 @@ def _findings(document: dict[str, Any]) -> Iterator[str]:
     """What was measured, a line each."""
     for t, v in document["c2c"]["completeness"].items():
         yield f"C2C completeness at {t} m: {_share(v)}"
-    c2m = document["c2m"]
+    reach, c2m = document.get("reachable"), document["c2m"]
+    if reach is not None:
+        yield (f"  three pictures from within reach could show {_share(reach['share'])} of the surface; "
+               f"{_share(reach['completeness'])} of that is complete at 0.25 m")
     for name, v in ((f"on a {100 * c2m['resampled_m']:g} cm grid", c2m), ("as it is", c2m["as_it_is"])):
         yield (f"C2M {name}: mean {_metres(v['mean_m'])}, median {_metres(v['median_m'])}, RMS {_metres(v['rms_m'])}, "
                f"within 2 cm {_share(v['within_2cm'])}")
@@ -180,11 +129,14 @@ def _stage(arguments: list[str]) -> int:
 
 def _options(name: str, argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=f"swarmscan {name}", description=(MAINS[name].__doc__ or "").strip("`"))
-    cloud = " or a cloud (PLY, PCD, XYZ, PTS)" if name == "evaluate" else ""
-    parser.add_argument("target", metavar="RUN", help=f"the run folder that 'swarmscan fly' made{cloud}")
+    others = {"evaluate": ", or a cloud (PLY, PCD, XYZ, PTS)", "reconstruct": ", or a folder of photographs"}
+    parser.add_argument("target", metavar="RUN", help=f"the run folder that 'swarmscan fly' made{others.get(name, '')}")
     parser.add_argument("--json", action="store_true", help="print one JSON document on stdout")
     if name == "reconstruct":
         parser.add_argument("--keep-depth", "--keep", action="store_true", help="keep the depth maps in RUN/depth")
+        parser.add_argument("--control", type=Path, metavar="CSV", help="ground control and check points")
+        parser.add_argument("--control-crs", type=int, metavar="EPSG", help="projected CRS of the points' x, y, z")
+        photograph_stage.add_options(parser)
     if name == "evaluate":
         cloud_evaluation.add_options(parser)
     return parser.parse_args(argv)

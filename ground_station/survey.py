@@ -56,6 +56,10 @@ class Survey:
         """Views that a vehicle still has to fly."""
         return len(self.ledger.held_by(vehicle_id))
 
+    def later_enu_m(self, vehicle_id: int) -> list[tuple[float, float, float]]:
+        """Where the views are that a vehicle is to fly after those it was sent, sortie after sortie."""
+        return [self.ledger.view(v).pose.position_enu_m for sortie in self._sorties.get(vehicle_id, []) for v in sortie]
+
     def waiting(self, vehicle_id: int) -> bool:
         """Whether a vehicle has views for its present battery that are not in its plan yet."""
         return bool(self._sorties.get(vehicle_id, [[]])[0])

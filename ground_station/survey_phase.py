@@ -6,11 +6,13 @@ import logging
 import re
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
+from ground_station.airspace import Airspace
 from ground_station.control import Control
+from ground_station.drone import Drone, Stage
 from ground_station.explore import Explorer
-from ground_station.fleet import Drone, Stage
-from ground_station.ledger import ENERGY, LOST, ViewLedger
+from ground_station.ledger import ENERGY, LOST, OPERATOR, ViewLedger
 from ground_station.survey import Survey
 from ground_station.survey_map import SurveyMap
 from ground_station.survey_method import means_of
@@ -46,16 +48,17 @@ class SurveyPhase:
         explored = [] if explorer is None else explorer.poses(every_picture=mission.survey.views == "frames")
         refining = explorer is not None and mission.survey.refine > 0
         self._map = SurveyMap(explorer.map, mission.camera.explore_px) if explorer is not None and refining else None
-        self._begin("start", grid, lambda starts, hits: survey_views(
-            mission, control.site, grid, explored, starts, control.prior, hits))
+        self._begin("start", grid, lambda flyable, starts, hits: survey_views(
+            mission, control.site, flyable, explored, starts, control.prior, hits, control.regions.interest))
 
-    def _begin(self, why: str, grid: VoxelGrid, plan: Callable[[list[Array], Array], list[View]]) -> None:
+    def _begin(self, why: str, grid: VoxelGrid, plan: Callable[[VoxelGrid, list[Array], Array], list[View]]) -> None:
         """A flight over the views that are planned from where the vehicles are, keeping clear of what they have hit."""
         control, flyers = self._control, self._flyers()
         control.send_map(grid)
         starts, hits = [f.position_enu_m for f in flyers], control.unmapped_hits(grid)
-        views = plan(starts, hits)
-        means = means_of(control.mission, control.site, views, grid, control.prior, starts, hits)
+        flyable = control.regions.applied(grid)
+        views = plan(flyable, starts, hits)
+        means = means_of(control.mission, control.site, views, flyable, control.prior, starts, hits)
         self._airspace, self.survey = means.airspace, Survey(views, means.method, means.shooting)
         self._ledgers.append(self.survey.ledger)
         self._allocate(why, lambda: self.survey.begin(flyers, self._t_s))
@@ -66,10 +69,17 @@ class SurveyPhase:
         self._map = None
         control, taken, grid = self._control, self.survey.ledger.flown_poses(), completed.grid()
         first_view_id = FIRST_VIEW_ID + self.survey.progress[1]
-        self._begin("refine", grid, lambda starts, hits: refining_views(
-            control.mission, control.site, grid, taken, first_view_id, starts, control.prior, hits))
+        self._begin("refine", grid, lambda flyable, starts, hits: refining_views(
+            control.mission, control.site, flyable, taken, first_view_id, starts, control.prior, hits,
+            control.regions.interest))
         control.note(f"{self.survey.progress[1]} more views for what fewer than "
                      f"{control.mission.survey.pictures_per_patch} pictures show")
+
+    def restrict(self, grid: VoxelGrid) -> None:
+        """An operator has changed where may be flown: this map shows where."""
+        control = self._control
+        now = Airspace.of(grid, control.mission, control.site, control.prior, control.unmapped_hits(grid))
+        self._airspace = replace(self._airspace, field=now.field)
 
     def step(self) -> None:
         """One turn."""
@@ -118,16 +128,20 @@ class SurveyPhase:
         if drone.refused:
             survey.plan_refused(k, drone.refused, refused_view(drone.refused, self._sent.get(k, [])))
             drone.refused = ""
+        elif drone.recalled or drone.stage is Stage.MISSING:
+            survey.take_back(k)
         elif drone.stage is Stage.READY:
             survey.plan_over(k)
         if drone.available:
             self._handed_over.discard(k)
         elif k not in self._handed_over:
             self._handed_over.add(k)
-            survey.gone(k, LOST if drone.stage is Stage.LOST else ENERGY)
+            survey.gone(k, _why_gone(drone))
 
     def _orders(self, drone: Drone, survey: Survey) -> None:
         k = drone.vehicle_id
+        if drone.held:
+            return
         if drone.stage is Stage.PARKED and drone.swaps_left and survey.wants_swap(k):
             self._fleet.swap(drone)
             survey.swapped(k)
@@ -156,7 +170,7 @@ class SurveyPhase:
         moving = [d.vehicle_id for d in self._fleet.in_stage(Stage.FLYING, Stage.HOMING)]
         resting, lost = ([d.position_enu_m for d in self._fleet.in_stage(*stages)
                           if d is not drone and d.state is not None and d.state.flying]
-                         for stages in ((Stage.READY, Stage.LAUNCHING), (Stage.LOST,)))
+                         for stages in ((Stage.READY, Stage.LAUNCHING), (Stage.MISSING, Stage.LOST)))
         for share in PARTS:
             waypoints = self.survey.next_waypoints(flyer, self._airspace, hovering, share)
             if not waypoints:
@@ -190,7 +204,13 @@ class SurveyPhase:
     def _flyer(self, drone: Drone) -> Flyer:
         place = drone.position_enu_m if drone.airborne else drone.hover_enu_m
         usable = self._control.usable_percent(drone, exploring=False) if drone.available else 0.0
-        return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, drone.swaps_left)
+        return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, 0 if drone.dropped else drone.swaps_left)
+
+
+def _why_gone(drone: Drone) -> str:
+    if drone.stage is Stage.LOST:
+        return LOST
+    return OPERATOR if drone.dropped else ENERGY
 
 
 def refused_view(reason: str, waypoints: list[Waypoint]) -> int | None:

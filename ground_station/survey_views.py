@@ -21,6 +21,7 @@ from missions.lattice import lattice_positions
 from missions.messages import SiteBrief
 from missions.mission import Mission
 from missions.pads import camera_bounds, geofence, surface_box
+from planning.nbv.interest import Interest
 from planning.nbv.survey import SurveyViewSpec, plan_survey
 
 log = logging.getLogger(__name__)
@@ -68,8 +69,10 @@ def known_outside(mission: Mission, site: SiteBrief) -> VoxelGrid:
 
 
 def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: Sequence[Pose],
-                 starts_enu_m: list[Array], prior: Prior | None = None, hits_enu_m: Array = NO_HITS) -> list[View]:
-    """The survey's views with ids from FIRST_VIEW_ID up. explored: the exploration's poses that may be flown again."""
+                 starts_enu_m: list[Array], prior: Prior | None = None, hits_enu_m: Array = NO_HITS,
+                 interest: Interest | None = None) -> list[View]:
+    """The survey's views with ids from FIRST_VIEW_ID up. explored: the exploration's poses that may be flown again.
+    interest: where pictures of planned views count more."""
     spec = mission.survey
     if spec.views == "file":
         poses = [v.pose for v in read_views(Path(spec.views_path))]
@@ -77,14 +80,16 @@ def survey_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, explored: S
         poses = list(explored[: spec.max_views])
     else:
         airspace = Airspace.of(grid, mission, site, prior, hits_enu_m)
-        poses = _planned(mission, grid, airspace, site, starts_enu_m, SurveyViewSpec.of(spec), [])
+        wanted = replace(SurveyViewSpec.of(spec), interest=interest)
+        poses = _planned(mission, grid, airspace, site, starts_enu_m, wanted, [])
     return [View(FIRST_VIEW_ID + i, pose) for i, pose in enumerate(poses)]
 
 
 def refining_views(mission: Mission, site: SiteBrief, grid: VoxelGrid, taken: Sequence[Pose], first_view_id: int,
-                   starts_enu_m: list[Array], prior: Prior | None = None, hits_enu_m: Array = NO_HITS) -> list[View]:
+                   starts_enu_m: list[Array], prior: Prior | None = None, hits_enu_m: Array = NO_HITS,
+                   interest: Interest | None = None) -> list[View]:
     """At most survey.refine more views for what the pictures taken show too rarely."""
-    spec = replace(SurveyViewSpec.of(mission.survey), max_views=mission.survey.refine)
+    spec = replace(SurveyViewSpec.of(mission.survey), max_views=mission.survey.refine, interest=interest)
     airspace = Airspace.of(grid, mission, site, prior, hits_enu_m)
     poses = _planned(mission, grid, airspace, site, starts_enu_m, spec, taken)
     return [View(first_view_id + i, pose) for i, pose in enumerate(poses)]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ground_station.csv_table import read_table
 from missions.camera import Pose, View
 from missions.errors import UserError
 from missions.frames import matrix_from_quaternion, wrap_pi, yaw_elevation_from_forward
@@ -26,13 +27,7 @@ def read_views(path: Path) -> list[View]:
     """
     if not path.is_file() and (MISSIONS_FOLDER / path).is_file():
         path = MISSIONS_FOLDER / path
-    try:
-        with path.open(newline="", encoding="utf-8") as f:
-            reader = csv.DictReader(f)
-            rows = list(reader)
-            columns = set(reader.fieldnames or ())
-    except (OSError, UnicodeDecodeError, csv.Error) as e:
-        raise UserError(f"survey.views_path {path}: cannot be read ({e}); give a readable CSV file.") from e
+    rows, columns = read_table(path, "survey.views_path")
     missing = [c for c in ("view_id", *PLACE) if c not in columns]
     if missing or not (columns.issuperset(QUATERNION) or columns.issuperset(ANGLES)):
         raise UserError(f"survey.views_path {path}: columns {', '.join(missing) or 'of orientation'} are missing; add "

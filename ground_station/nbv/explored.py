@@ -56,7 +56,7 @@ class Explored:
             self._map.mark_free(at - self.clearance / math.sqrt(3.0), at + self.clearance / math.sqrt(3.0))
         self.grid: VoxelGrid = self._map.grid()
         self._stale = False
-        self._wires = Wires(brief)
+        self._wires, self._clearance_m = Wires(brief), brief.fleet.clearance_m
         self._at: dict[int, int] = {}
         """Position by flat number where each vehicle was last."""
         self._flown = np.zeros((len(self.lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)
@@ -70,6 +70,7 @@ class Explored:
             away = np.linalg.norm(self.lattice.positions_enu_m - self.scaled(frame.pose).position_enu_m, axis=1)
             self._at[frame.vehicle] = int(away.argmin())
         if frame.index is not None:
+            self._wires.was_at(np.array(frame.pose.position_enu_m), self._clearance_m)
             there = self.lattice.flat(frame.index) // self.lattice.orientations
             self._flew(self._at[frame.vehicle], there)
             self._at[frame.vehicle] = there
@@ -86,6 +87,7 @@ class Explored:
         """Bring the map up to date with the pictures."""
         if self._stale:
             self._map.update()
+            self._wires.update()
             self.grid = self._map.grid()
             self._stale = False
 
@@ -127,7 +129,8 @@ class Explored:
 
     def known_free_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free,
-        or that were flown. Unknown space elsewhere is taken for free: the object is not there."""
+        and from so near that wires would have shown; or that were flown. Unknown space elsewhere is taken for free: the
+        object is not there."""
         unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
         box = self.inside_object_box()
         unknown[box] = self.grid.state[box] == UNKNOWN
@@ -139,7 +142,7 @@ class Explored:
             result: NDArray[np.bool_] = holds(self.grid.index(swept[0]), self.grid.index(swept[1]) + 1) == 0
             return result
 
-        return self._edges(is_free) | self._flown
+        return (self._edges(is_free) & self._wires.looked_at_edges()) | self._flown
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""

@@ -11,8 +11,11 @@ import time
 from pathlib import Path
 from typing import IO
 
-from ground_station.nbv.methods import Method, make_method
+import numpy as np
+
+from ground_station.nbv.methods import make_method
 from missions.errors import ProtocolError, SwarmscanError, UserError
+from missions.frames import Array
 from missions.nbv_trial import Answer, Ask, Failure, Frame, TrialBrief, read_to_method, write_message
 
 
@@ -34,23 +37,25 @@ def play(stream: IO[bytes], out: IO[bytes]) -> None:
     if not isinstance(brief, TrialBrief):
         raise ProtocolError("a trial begins with its brief")
     method = make_method(brief)
-    seeing = 0.0
+    seeing = np.zeros(2)
     while (message := read_to_method(stream)) is not None:
+        begin = _clocks()
         if isinstance(message, Frame):
-            begin = time.perf_counter()
             method.see(message)
-            seeing += time.perf_counter() - begin
+            seeing += _clocks() - begin
         elif isinstance(message, Ask):
-            write_message(out, answer(method, message, seeing))
-            seeing = 0.0
+            choice = method.choose(message.vehicle, message.candidates)
+            choosing = _clocks() - begin
+            write_message(out, Answer(choice=choice, seconds_seeing=float(seeing[0]),
+                                      seconds_choosing=float(choosing[0]),
+                                      seconds_processor=float((seeing + choosing)[1]),
+                                      peak_memory_mib=peak_memory_mib()))
+            seeing = np.zeros(2)
 
 
-def answer(method: Method, ask: Ask, seconds_seeing: float) -> Answer:
-    """The method's choice, with what it took."""
-    begin = time.perf_counter()
-    choice = method.choose(ask.vehicle, ask.candidates)
-    return Answer(choice=choice, seconds_seeing=seconds_seeing, seconds_choosing=time.perf_counter() - begin,
-                  peak_memory_mib=peak_memory_mib())
+def _clocks() -> Array:
+    """Seconds of wall time, and of processor time of all threads."""
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def peak_memory_mib() -> float:

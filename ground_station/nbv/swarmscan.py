@@ -9,9 +9,11 @@ vehicles each plans on what the plans of the others leave to see.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from ground_station.nbv.hopes import Hopes
@@ -38,6 +40,16 @@ class SwarmscanOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Imagination learns in flight from what its map has come to know."""
 
 
+@dataclass(frozen=True)
+class _Reckoned:
+    """What follows from the pictures so far: once for all vehicles that are asked after the same ones."""
+
+    tally: SurfaceTally
+    sights: Sights
+    open_edges: NDArray[np.bool_]
+    known_free_edges: NDArray[np.bool_]
+
+
 class Swarmscan:
     """See the module."""
 
@@ -55,7 +67,7 @@ class Swarmscan:
         rows = math.ceil(SHOWN_RAYS_ACROSS * brief.camera.height_px / brief.camera.width_px)
         self._shown = ShownFaces(brief.camera.scaled(SHOWN_RAYS_ACROSS, rows), RANGE)
         self._returns, self._price = Returns(), Price()
-        self._latest: tuple[SurfaceTally, Sights] | None = None
+        self._latest: _Reckoned | None = None
 
     def see(self, frame: Frame) -> None:
         """Takes a picture in."""
@@ -66,8 +78,8 @@ class Swarmscan:
 
     def choose(self, vehicle: int, candidates: list[Index5]) -> Choice:
         """The first step of the best way; the vehicle waits while others block all that are known to be clear."""
-        tally, seen = self._reckoned()
-        way = self._plan(vehicle, candidates, seen)
+        now = self._reckoned()
+        tally, way = now.tally, self._plan(vehicle, candidates, now)
         if way is None:
             return Choice(vehicle=vehicle, index=self._lattice.index(self._at[vehicle]),
                           coverage_estimate=tally.coverage)
@@ -80,14 +92,14 @@ class Swarmscan:
                       predicted_gain=way.gains_m2[0] / self._explored.scale**2, coverage_estimate=tally.coverage,
                       stop=not pays(expected, self._returns, tally.coverage, self._price))
 
-    def _reckoned(self) -> tuple[SurfaceTally, Sights]:
-        """What was seen, and what views would show: once for all vehicles that are asked after the same pictures."""
+    def _reckoned(self) -> _Reckoned:
         if self._latest is None:
             self._explored.refresh()
             imagined, positions = self._imagined(), self._explored.lattice.positions_enu_m
             tally = surface_tally(imagined, self._explored.inside_object_box(), positions, RANGE)
             self._returns.settle(tally.seen_m2)
-            self._latest = tally, sights(imagined, positions, self._orientations, RANGE)
+            self._latest = _Reckoned(tally, sights(imagined, positions, self._orientations, RANGE),
+                                     self._explored.open_edges(), self._explored.known_free_edges())
         return self._latest
 
     def _legs(self, start: int, poses: list[int]) -> list[float]:
@@ -104,15 +116,15 @@ class Swarmscan:
         self._shown.take_out(imagined)
         return imagined
 
-    def _plan(self, vehicle: int, candidates: list[Index5], seen: Sights) -> Way | None:
+    def _plan(self, vehicle: int, candidates: list[Index5], now: _Reckoned) -> Way | None:
         """The best way over what the other vehicles' plans leave to see; None where no step is known to be clear."""
+        seen, here = now.sights, self._at[vehicle]
         left = seen.nothing_shown
         for other, poses in self._plans.items():
             if other != vehicle:
                 for pose in poses:
                     left = seen.left_after(*divmod(pose, self._lattice.orientations), left)
-        explored, here = self._explored, self._at[vehicle]
-        likely = self._hopes.likely(explored.open_edges(), explored.known_free_edges())
+        likely = self._hopes.likely(now.open_edges, now.known_free_edges)
         passable, steps = self._lattice.per_step(likely), self._lattice.steps
         promised = promises(seen, left, steps, passable, self._spec)
         way = best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,

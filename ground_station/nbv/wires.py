@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import NDArray
 
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
-from perception.mapping.line_votes import LineVotes
+from perception.mapping.line_votes import LineVotes, line_strength
 
 THINNEST_M = 0.03
-LEAST_PX = 0.35
+LEAST_PX = 0.25
 """Pictures vote on places where a wire of THINNEST_M is at least so wide."""
 SPACING_M = 0.25
-STRUNG = 15.0
-"""A leg with so many standard deviations for a wire at any place that the body sweeps is not flown."""
+STRUNG, STRUNG_SOON = 15.0, 3.5
+"""A leg with so many standard deviations for a wire at any place that the body sweeps is not flown; or, while few
+pictures have voted, with so many times the root of their number: by chance their votes hardly add up to that."""
+LEAST_PICTURES = 2
+"""A place counts as looked at when so many have voted on it, as many as the map needs to call it free."""
 
 
 class Wires:
@@ -30,14 +35,31 @@ class Wires:
                       for axis in range(3)]
         reach_m = min(THINNEST_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
         self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
+        self._workers, self._new = ThreadPoolExecutor(get_num_threads()), list[Frame]()
+        self._stood = np.zeros(len(self._votes.points_enu_m), dtype=np.bool_)
 
     def see(self, frame: Frame) -> None:
-        """Take a picture in."""
-        self._votes.add(frame.rgb, self._camera, frame.pose)
+        """Take a picture in; it has no vote before `update`."""
+        self._new.append(frame)
+
+    def update(self) -> None:
+        """Every new picture votes."""
+        strengths = self._workers.map(lambda frame: line_strength(frame.rgb), self._new)
+        for frame, strength in zip(self._new, strengths, strict=True):
+            self._votes.add(strength, self._camera, frame.pose)
+        self._new.clear()
+
+    def was_at(self, position_enu_m: Array, clearance_m: float) -> None:
+        """A vehicle stood at (3,): there is nothing so near to it, and no picture needs to say so."""
+        self._stood |= np.linalg.norm(self._votes.points_enu_m - position_enu_m, axis=1) <= clearance_m
 
     def clear_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where no wire shows in the pictures."""
-        return self._edges(self._votes.sigmas <= STRUNG)
+        return self._edges(self._votes.sigmas <= np.minimum(STRUNG, STRUNG_SOON * np.sqrt(self._votes.counts)))
+
+    def looked_at_edges(self) -> NDArray[np.bool_]:
+        """(p, 6) lattice steps where wires would show, for enough pictures were taken of them from nearby."""
+        return self._edges(self._stood | (self._votes.counts >= LEAST_PICTURES))
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(p, 6) steps all of whose points are good (n,)."""

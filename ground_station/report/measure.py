@@ -4,15 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from ground_station.report.run_data import RunData, read_views
+from missions.lattice import lattice_positions
+from missions.messages import SiteBrief
+from missions.pads import camera_bounds
 from missions.run_folder import RunFolder
 from perception.evaluate.comparison import RESAMPLE_M, Comparison, compare
-from perception.evaluate.inspection import Asked, Inspection, Shot, inspect
+from perception.evaluate.ground import without_ground
+from perception.evaluate.inspection import STEREO_PICTURES, Asked, Inspection, Shot, inspect
+from perception.evaluate.reachable import Stand, reachable_pictures
 from perception.evaluate.reference import Reference
 from perception.reconstruct.cloud import read_cloud
+from planning.nbv.survey import SurveyViewSpec
+
+STEP_M = 2.0
+"""Between the places that are asked whether the surface can be seen from them."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +33,9 @@ class Measured:
     comparison: Comparison
     inspection: Inspection
     asked: Asked
+    reachable: NDArray[np.bool_] | None
+    """(n,) the samples of the reference that enough pictures from within reach could show; None where the camera bounds
+    are unknown."""
 
 
 def measure(data: RunData) -> Measured | None:
@@ -33,11 +47,24 @@ def measure(data: RunData) -> Measured | None:
         data.notes.append(f"{', '.join(absent)} missing: the reconstruction was not measured.")
         return None
     cloud = read_cloud(run.cloud)
-    truth = read_truth(run)
-    found = compare(cloud.select(data.region().contains(cloud.points_enu_m)), truth,
-                    max(RESAMPLE_M, data.mission.reconstruct.cloud_spacing_m))
+    cloud, truth = cloud.select(data.region().contains(cloud.points_enu_m)), read_truth(run)
+    if data.ground_up_m is not None:
+        cloud = without_ground(cloud, truth, data.ground_up_m)
+    found = compare(cloud, truth, max(RESAMPLE_M, data.mission.reconstruct.cloud_spacing_m))
     asked = Asked(data.mission.survey.gsd_m, data.mission.camera.exposure_s)
-    return Measured(found, inspect(truth, _shots(data), asked), asked)
+    return Measured(found, inspect(truth, _shots(data), asked), asked, _reachable(data, truth))
+
+
+def _reachable(data: RunData, truth: Reference) -> NDArray[np.bool_] | None:
+    """Whether three places of the camera bounds with the mission's clearance from the true surface, as near as the
+    survey's views stand, see a sample."""
+    told = data.flight.get("site") or data.referee.get("site")
+    if not told:
+        return None
+    places = lattice_positions(*camera_bounds(data.mission, msgspec.convert(told, SiteBrief)), STEP_M)
+    range_m = SurveyViewSpec.of(data.mission.survey).sight.farthest_m
+    stand = Stand(data.mission.fleet.clearance_m, range_m)
+    return reachable_pictures(truth, places, stand, STEREO_PICTURES) >= STEREO_PICTURES
 
 
 def _shots(data: RunData) -> list[Shot]:

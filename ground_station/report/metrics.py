@@ -8,11 +8,13 @@ from ground_station.report.alignment import alignment
 from ground_station.report.energy import energy_numbers
 from ground_station.report.measure import Measured
 from ground_station.report.run_data import RunData
+from ground_station.report.service import service_numbers
 from perception.evaluate.comparison import (
     c2c_numbers,
     c2m_numbers,
     confidence_numbers,
     part_numbers,
+    reach_numbers,
 )
 
 FLEET_KEYS = ("makespan_s", "path_m", "battery_end_percent", "views_flown", "views_reassigned", "views_unreachable")
@@ -31,11 +33,14 @@ def assemble(data: RunData, measured: Measured | None) -> dict[str, Any]:
         "coverage": {key: coverage.get(key) for key in COVERAGE_KEYS},
         "alignment": alignment(data),
         "c2c": c2c_numbers(compared),
+        "reachable": None if measured is None or measured.reachable is None
+        else reach_numbers(measured.comparison, measured.reachable),
         "c2m": c2m_numbers(compared),
         "parts": [] if compared is None else part_numbers(compared),
         "confidence": [] if compared is None else confidence_numbers(compared),
         "inspection": None if measured is None else measured.inspection.numbers(measured.asked),
         "fleet": {key: fleet.get(key) for key in FLEET_KEYS},
+        "service": service_numbers(data),
         "energy": energy_numbers(data),
         "timing_s": timing(data),
         "peak_memory_mib": {r["name"]: r.get("peak_memory_mib") for r in data.run.process_records()},

@@ -20,6 +20,8 @@ from ground_station.report.survey import survey_part
 from ground_station.report.thesis import NOTHING, REPORTED, Reported
 from ground_station.report.thesis_page import thesis_part
 from ground_station.report.tiles import ATTENTION, NEUTRAL, Tile, clock, key_numbers, percent
+from perception.products.atlas import Textured
+from perception.products.model_files import has_model, read_model
 from perception.reconstruct.cloud import Cloud, read_cloud
 
 SAMPLE_PICTURES = 6
@@ -34,10 +36,11 @@ def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> s
     """The whole page as HTML."""
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
     cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
-    body = "".join([_head(data, metrics), _model(data, cloud), _flight(data, metrics, cloud),
+    model = read_model(data.run.model) if cloud and has_model(data.run.model) else None
+    body = "".join([_head(data, metrics), _model(data, cloud, model), _flight(data, metrics, cloud),
                     exploration_part(data, data.referee.get("coverage") or {}), survey_part(data), thesis_part(data),
                     _alignment(metrics), _measurements(measured, metrics, thesis),
-                    _regions(data, cloud, measured, metrics),
+                    _regions(data, cloud, model, measured, metrics),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
             f"</title><meta name=viewport content='width=device-width'><style>{CSS}</style>"
@@ -62,6 +65,9 @@ def summary(data: RunData, metrics: dict[str, Any]) -> str:
     text = f"{vehicles} vehicle{'s' if vehicles > 1 else ''} took {explore} exploration and {survey} survey pictures"
     if fleet["makespan_s"] is not None:
         text += f" in {clock(fleet['makespan_s'])} of simulated flight"
+    swaps = metrics["service"]["swaps"]
+    if swaps:
+        text += f", {swaps} battery swap{'' if swaps == 1 else 's'} included"
     if metrics["collisions"] is not None:
         text += f", with {metrics['collisions'] or 'no'} collision{'' if metrics['collisions'] == 1 else 's'}"
     text += "."
@@ -81,13 +87,15 @@ def _tile(tile: Tile) -> str:
             f"<div class=value>{escape(tile.value)}</div><div class=against>{escape(tile.against)}</div></div>")
 
 
-def _model(data: RunData, cloud: Cloud | None) -> str:
+def _model(data: RunData, cloud: Cloud | None, model: Textured | None) -> str:
     if cloud is None:
         return ""
     spacing = data.mission.reconstruct.cloud_spacing_m
-    picture = figure(f"{len(cloud):,} points, one per {100 * spacing:g} cm voxel.",
-                     renderings.hero(*renderings.thinned(cloud, spacing)))
-    return section("The reconstruction", "", picture)
+    told = f"{len(cloud):,} points, one per {100 * spacing:g} cm voxel."
+    if model is None:
+        return section("The reconstruction", "", figure(told, renderings.hero(*renderings.thinned(cloud, spacing))))
+    made = f"{len(model.surface):,} triangles with a texture made of the survey's pictures (model/); made of {told}"
+    return section("The reconstruction", "", figure(made, renderings.hero_of_model(model)))
 
 
 def _flight(data: RunData, metrics: dict[str, Any], cloud: Cloud | None) -> str:
@@ -141,7 +149,8 @@ def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Re
                 "share with as many or more.", tables.confidence(metrics)))
 
 
-def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None, metrics: dict[str, Any]) -> str:
+def _regions(data: RunData, cloud: Cloud | None, model: Textured | None, measured: Measured | None,
+             metrics: dict[str, Any]) -> str:
     if cloud is None:
         return ""
     shown, spacing = renderings.thinned(cloud, data.mission.reconstruct.cloud_spacing_m)
@@ -149,17 +158,35 @@ def _regions(data: RunData, cloud: Cloud | None, measured: Measured | None, metr
     stops = ", ".join(f"rgb{c}" for c in renderings.CONFIDENCE_STOPS)
     scale = (f"{least}<span class=scale style='background:linear-gradient(90deg,{stops})'></span>"
              "10 or more depth maps agree")
-    parts = ["<h3>In colour</h3>", row(renderings.in_colour(shown, spacing)),
+    coloured = renderings.in_colour(shown, spacing) if model is None else renderings.model_in_colour(model)
+    parts = [f"<h3>{'In colour' if model is None else 'Textured model'}</h3>", row(coloured),
              f"<h3>Confidence</h3><small>{scale}</small>", row(renderings.by_confidence(shown, spacing, least))]
     if measured is not None:
-        keys = "".join(f"<span class=key style='background:rgb{colour}'></span>{name}" for colour, name in (
-            (renderings.PRESENT_COLOUR, "reconstructed"), (renderings.PARTIAL_COLOUR, "25-50 cm away"),
-            (renderings.MISSING_COLOUR, "more than 50 cm away")))
-        parts += [f"<h3>Missing</h3><small>True surface by distance to the cloud:{keys}</small>",
-                  row(renderings.missing(measured.comparison)),
+        parts += [f"<h3>Errors</h3><small>{_error_scale()}</small>", row(renderings.by_error(measured.comparison)),
+                  f"<h3>Missing</h3><small>{_missing_keys(measured, metrics)}</small>",
+                  row(renderings.missing(measured.comparison, measured.reachable)),
                   f"<h3>Inspection quality</h3><small>{_inspection(metrics)}</small>",
                   row(renderings.by_quality(measured.comparison.reference, measured.inspection))]
     return section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
+
+
+def _error_scale() -> str:
+    stops = ", ".join(f"rgb{c}" for c in renderings.ERROR_STOPS)
+    return (f"Points of the cloud by their distance to the true surface: 0<span class=scale "
+            f"style='background:linear-gradient(90deg,{stops})'></span>{100 * renderings.WORST_M:g} cm or more; green "
+            "is within 2 cm.")
+
+
+def _missing_keys(measured: Measured, metrics: dict[str, Any]) -> str:
+    colours = [(renderings.PRESENT_COLOUR, "reconstructed"), (renderings.PARTIAL_COLOUR, "25-50 cm away"),
+               (renderings.MISSING_COLOUR, "more than 50 cm away")]
+    told, reach = "True surface by distance to the cloud:", metrics["reachable"]
+    if measured.reachable is not None:
+        colours.append((renderings.BEYOND_COLOUR, "missing, and three pictures from within reach could not show it"))
+        told = (f"{percent(reach['share'])} of the true surface could be in three pictures from within reach; "
+                f"{percent(reach['completeness'])} of that is reconstructed. {told}")
+    return told + " ".join(f"<span style='white-space:nowrap'><span class=key style='background:rgb{colour}'></span>"
+                           f"{name}</span>" for colour, name in colours)
 
 
 def _inspection(metrics: dict[str, Any]) -> str:

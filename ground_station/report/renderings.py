@@ -13,11 +13,17 @@ from ground_station.report.splat import Pixels, ramp, splat
 from perception.evaluate.comparison import MISSING_M, Comparison
 from perception.evaluate.inspection import Inspection
 from perception.evaluate.reference import Reference
+from perception.products.atlas import Textured
+from perception.products.picture_of_model import picture_of
 from perception.reconstruct.cloud import Cloud, on_grid
 
 CONFIDENCE_STOPS = ((178, 24, 43), (244, 165, 80), (255, 224, 120), (120, 198, 121), (0, 104, 90))
 ABSENT_M = 0.50
 MISSING_COLOUR, PARTIAL_COLOUR, PRESENT_COLOUR = (200, 30, 40), (240, 150, 50), (196, 202, 210)
+BEYOND_COLOUR = (120, 80, 170)
+ERROR_STOPS = ((214, 226, 214), (120, 198, 121), (255, 224, 120), (244, 120, 60), (178, 24, 43))
+WORST_M = 0.08
+"""Errors from here on have the last colour; the first quarter of the scale is what counts as within 2 cm."""
 WIDTH_PX, HERO_WIDTH_PX = 760, 1180
 SHOWN_SPACING_M = 0.05
 
@@ -51,19 +57,48 @@ def in_colour(cloud: Cloud, spacing_m: float) -> list[tuple[str, Pixels]]:
     return [(s.name, _render(cloud.points_enu_m, cloud.colours, s, WIDTH_PX, spacing_m)) for s in SIDES]
 
 
+def hero_of_model(model: Textured) -> Pixels:
+    """The textured model, large."""
+    return _picture(model, SIDES[0], HERO_WIDTH_PX)
+
+
+def model_in_colour(model: Textured) -> list[tuple[str, Pixels]]:
+    """The textured model from every side."""
+    return [(s.name, _picture(model, s, WIDTH_PX)) for s in SIDES]
+
+
+def _picture(model: Textured, side: Side, width_px: int) -> Pixels:
+    return picture_of(model, math.radians(side.yaw_deg), math.radians(side.elevation_deg), width_px)
+
+
 def by_confidence(cloud: Cloud, spacing_m: float, least: int) -> list[tuple[str, Pixels]]:
     """The cloud coloured by the number of agreeing depth maps, from `least` (red) to 10 and more (green)."""
     colours = ramp(cloud.confidence.astype(np.float64), least, 10.0, CONFIDENCE_STOPS)
     return [(s.name, _render(cloud.points_enu_m, colours, s, WIDTH_PX, spacing_m)) for s in SIDES]
 
 
-def missing(measured: Comparison) -> list[tuple[str, Pixels]]:
-    """The true surface: grey where reconstructed, orange 25-50 cm from the cloud, red where farther."""
+def missing(measured: Comparison, reachable: NDArray[np.bool_] | None = None) -> list[tuple[str, Pixels]]:
+    """The true surface: grey where reconstructed, orange 25-50 cm from the cloud, red where farther; violet where it is
+    missing and no three pictures from within reach (n,) could have shown it."""
     points = measured.reference.samples_enu_m.astype(np.float32)
-    colours = np.full((len(points), 3), PRESENT_COLOUR, dtype=np.uint8)
+    return _surface(points, missing_colours(measured, reachable))
+
+
+def missing_colours(measured: Comparison, reachable: NDArray[np.bool_] | None = None) -> Pixels:
+    """(n, 3) colours of the samples in the pictures of what is missing."""
+    colours = np.full((len(measured.c2c_m), 3), PRESENT_COLOUR, dtype=np.uint8)
     colours[measured.c2c_m > MISSING_M] = PARTIAL_COLOUR
     colours[measured.c2c_m > ABSENT_M] = MISSING_COLOUR
-    return _surface(points, colours)
+    if reachable is not None:
+        colours[(measured.c2c_m > MISSING_M) & ~reachable] = BEYOND_COLOUR
+    return colours
+
+
+def by_error(measured: Comparison) -> list[tuple[str, Pixels]]:
+    """The uniform sampling of the cloud by distance to the true surface."""
+    colours = ramp(np.abs(measured.uniform_c2m_m), 0.0, WORST_M, ERROR_STOPS)
+    return [(s.name, _render(measured.uniform.points_enu_m, colours, s, WIDTH_PX, max(measured.spacing_m,
+                                                                                      SHOWN_SPACING_M))) for s in SIDES]
 
 
 def by_quality(reference: Reference, found: Inspection) -> list[tuple[str, Pixels]]:

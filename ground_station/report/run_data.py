@@ -20,7 +20,7 @@ from missions.mission import Mission
 from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
 from perception.reconstruct.pictures import SurveyPicture
-from perception.reconstruct.pipeline import Region
+from perception.reconstruct.settings import Region
 
 REGION_MARGIN_M = 0.25
 """The kept region reaches this far beyond the object's box, so that noise on its outermost faces is kept too."""
@@ -108,6 +108,13 @@ class RunData:
         """The survey's pictures in order of view id."""
         camera = self.mission.camera.survey_camera()
         rows = sorted((v for v in self.views if v.phase == "survey"), key=lambda v: v.view_id)
+        return [SurveyPicture(v.view_id, self.run.root / v.path, camera, v.enu_from_camera, v.position_enu_m)
+                for v in rows]
+
+    def exploration_pictures(self) -> list[SurveyPicture]:
+        """The exploration's pictures in order of view id."""
+        camera = self.mission.camera.explore_camera()
+        rows = sorted((v for v in self.views if v.phase == "explore"), key=lambda v: v.view_id)
         return [SurveyPicture(v.view_id, self.run.root / v.path, camera, v.enu_from_camera, v.position_enu_m)
                 for v in rows]
 

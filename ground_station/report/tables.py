@@ -32,7 +32,8 @@ def accuracy(metrics: dict[str, Any], thesis: Reported) -> str:
     """C2M in the thesis's bins, without bins, and trimmed."""
     c2m = metrics["c2m"]
     variants = [("Eqs. 4.10-4.12, all points, 1 mm bins", c2m), ("the same without bins", c2m["exact"]),
-                ("every point of the cloud, as it is", c2m["as_it_is"]),
+                ("every point of the cloud as it is, in bins", c2m["as_it_is"]["binned"]),
+                ("the same without bins", c2m["as_it_is"]),
                 (f"trimmed at 5 cm ({percent(c2m['trimmed_5cm']['share_kept'])} kept)", c2m["trimmed_5cm"])]
     rows = [[name, millimetres(v["mean_m"]), millimetres(v["rms_m"]), percent(v["within_2cm"])] for name, v in variants]
     rows.append(["thesis", millimetres(thesis.mean_m), millimetres(thesis.rms_m), percent(thesis.within_2cm)])
@@ -80,10 +81,17 @@ def vehicles(data: RunData, metrics: dict[str, Any]) -> str:
         phases = Counter(v.phase for v in data.views if v.vehicle_id == k)
         rows.append([f"UAV {k}", str(phases["explore"]), str(phases["survey"]),
                      str(sum(c["from"] == k for c in changes)), str(sum(c["to"] == k for c in changes)),
+                     _serviced(metrics["service"]["vehicles"].get(str(k))),
                      number((fleet["path_m"] or {}).get(str(k)), "{:,.0f} m"),
                      number((fleet["battery_end_percent"] or {}).get(str(k)), "{:.1f} %")])
     return table(["Vehicle", "exploration pictures", "survey pictures", "views handed over", "views taken over",
-                  "path", "battery at the end"], rows)
+                  "battery swaps", "path", "battery at the end"], rows)
+
+
+def _serviced(told: dict[str, Any] | None) -> str:
+    if told is None:
+        return ""
+    return f"{told['swaps']} in {clock(told['service_s'])}" if told["swaps"] else "0"
 
 
 def energy(metrics: dict[str, Any]) -> str:
