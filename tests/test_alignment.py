@@ -14,17 +14,22 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from missions.camera import Pose
+from missions.lens import NONE, border, distorted
 from perception.reconstruct.aligned_poses import Alignment
 from perception.reconstruct.alignment import align
 from perception.reconstruct.bundle import Accuracy
-from perception.reconstruct.matching import fundamental
+from perception.reconstruct.features import Features
+from perception.reconstruct.matching import fundamental, nearest_anywhere
 from perception.reconstruct.pictures import SurveyPicture
-from tests.reconstruct_scene import CAMERA, survey
+from perception.reconstruct.straighten import straightened
+from sim_bridge.render.lens import through_lens, wide_camera
+from tests.reconstruct_scene import CAMERA, photograph, survey, wall_and_box
 
 pytestmark = pytest.mark.xdist_group("alignment")
 
 ACCURACY = Accuracy(0.02, np.radians(0.3))
 DISTANCE_M = 5.0
+LENS = (-0.08, 0.02, 0.001, -0.001)
 
 
 def disturbed(pictures: list[SurveyPicture], seed: int = 1) -> list[SurveyPicture]:
@@ -145,3 +150,63 @@ def test_a_point_lies_on_its_epipolar_line(angles: tuple[float, float, float], p
     first, second = (p / p[2] for p in pixels)
     line = fundamental(*views) @ first
     assert abs(second @ line) <= 1e-6 * max(1.0, float(np.linalg.norm(line))) * float(np.linalg.norm(second))
+
+
+def test_explorations_pictures_stand_by_where_no_other_overlaps(true: list[SurveyPicture], tmp_path: Path) -> None:
+    east = np.array([100.0, 0.0, 0.0])
+    pictures = disturbed([*true, replace(true[0], view_id=100, position_enu_m=true[0].position_enu_m + east)])
+    explored = []
+    for p in (true[1], true[3], true[4], true[8]):
+        path = tmp_path / f"{p.view_id}.jpg"
+        cv2.imwrite(str(path), cv2.resize(cv2.imread(str(p.path)), (320, 180), interpolation=cv2.INTER_AREA))
+        explored.append(replace(p, path=path, camera=CAMERA.scaled(320, 180), position_enu_m=p.position_enu_m + east))
+    alone = align(pictures, ACCURACY, DISTANCE_M, tmp_path / "alone")
+    assert list(alone.numbers["kept"]) == ["100"]
+    found = align(pictures, ACCURACY, DISTANCE_M, tmp_path / "beside", explored=explored)
+    assert found.numbers["registered"] == len(pictures)
+    assert len(found.poses) == len(pictures)
+    before, after = (np.linalg.norm(p.position_enu_m - true[0].position_enu_m - east)
+                     for p in (pictures[-1], found.pictures[-1]))
+    assert after < before
+    assert errors(found.pictures[:9], alone.pictures[:9])[0].max() < 0.001
+
+
+@pytest.fixture(scope="module")
+def through_a_lens(tmp_path_factory: pytest.TempPathFactory) -> list[SurveyPicture]:
+    """The same survey through a lens that puts the corners 14 pixels off."""
+    folder, pictures = tmp_path_factory.mktemp("lens"), []
+    for p in survey(folder):
+        drawn = photograph(wall_and_box(), p.pose, wide_camera(CAMERA, LENS), seed=p.view_id)
+        cv2.imwrite(str(p.path), through_lens(drawn, CAMERA, LENS), [cv2.IMWRITE_JPEG_QUALITY, 95])
+        pictures.append(p)
+    return pictures
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_lens_is_taken_into_account_or_found(through_a_lens: list[SurveyPicture], told: bool, tmp_path: Path) -> None:
+    found = align(disturbed(through_a_lens), ACCURACY, DISTANCE_M, tmp_path / "alignment", calibrate=not told,
+                  lens=LENS if told else NONE)
+    assert found.numbers["registered"] == len(through_a_lens)
+    assert errors(found.pictures, through_a_lens)[0].mean() < 0.02
+    edge = 0.9 * border(CAMERA)
+    off_px = CAMERA.fx_px * np.linalg.norm(distorted(edge, found.optics.lens) * found.optics.camera.fx_px / CAMERA.fx_px
+                                           - distorted(edge, LENS), axis=1)
+    assert off_px.max() < (1e-9 if told else 3.0)
+    straight = straightened(found.pictures, found.optics, tmp_path / "straightened")
+    seen, true = (cv2.imread(str(p.path))[40:-40, 60:-60].astype(float) for p in (straight[4], survey(tmp_path)[4]))
+    assert np.median(np.abs(seen - true)) < 12.0
+
+
+def test_products_find_the_same_matches_as_differences() -> None:
+    rng = np.random.default_rng(3)
+    one = rng.integers(0, 120, (300, 128)).astype(np.uint8)
+    other = np.clip(one[rng.permutation(300)[:250]] + rng.integers(-9, 10, (250, 128)), 0, 255).astype(np.uint8)
+    a, b = (Features(np.zeros((len(d), 2), np.float32), d, np.ones(len(d), np.float32)) for d in (one, other))
+    apart = ((one[:, None].astype(np.int64) - other[None]) ** 2).sum(axis=2)
+    i, j = apart.argmin(axis=1), apart.argmin(axis=0)
+    mutual = {(k, int(i[k])) for k in range(300) if j[i[k]] == k}
+    found = {(int(k), int(m)) for k, m in nearest_anywhere(a, b)}
+    assert found <= mutual
+    assert len(found) > 200
+    assert len(nearest_anywhere(a, Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8),
+                                            np.zeros(0, np.float32)))) == 0

@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from missions import topics
-from missions.bus import MALFORMED, Bus, _Envelope
+from missions.bus import DELIVERY_TIMEOUT_S, MALFORMED, Bus
 from missions.errors import LinkError
+from missions.inbox import Envelope
 from missions.messages import MavlinkFrames, PlanHash, PlanVerdict, Status
 from tests.loopback import free_endpoint
 
@@ -64,6 +65,23 @@ def test_every_message_is_delivered_once_in_order(buses: tuple[Bus, Bus, Bus]) -
     assert b.collect({}) == []
 
 
+def test_what_went_down_with_the_router_is_waited_for_only_from_who_sends_it_again(
+        buses: tuple[Bus, Bus, Bus], caplog: pytest.LogCaptureFixture) -> None:
+    router, a, b = buses
+    b.subscribe(topics.PLAN_HASH)
+    hear(b, a)
+    hear(b, router)
+    dead, living = (topics.PLAN_HASH.key("test", who) for who in (1, 2))
+    a.publish(topics.PLAN_HASH, plan(1), 1)
+    router.publish(topics.PLAN_HASH, plan(2), 2)
+    b.collect({dead: 1, living: 1})
+    router.publish(topics.PLAN_HASH, plan(3), 2)
+    begin = time.monotonic()
+    assert [d.message.plan_id for d in b.collect({dead: 2, living: 2}, again=["bridge"])] == [3]
+    assert time.monotonic() - begin < DELIVERY_TIMEOUT_S
+    assert "messages lost: ['swarmscan/test/g/1/plan/hash']" in caplog.text
+
+
 def test_the_first_message_on_a_fresh_key_is_not_lost(buses: tuple[Bus, Bus, Bus]) -> None:
     _, a, b = buses
     b.subscribe(topics.PLAN_HASH)
@@ -82,6 +100,7 @@ def test_a_message_that_never_comes_is_waited_for_once(buses: tuple[Bus, Bus, Bu
     key = topics.PLAN_HASH.key("test", 1)
     a.publish(topics.PLAN_HASH, plan(1), 1)
     assert [d.message.plan_id for d in b.collect({key: 2})] == [1]
+    a.published[key] = 2
     monkeypatch.setattr("missions.bus.DELIVERY_TIMEOUT_S", WAIT_S)
     for number in (3, 4):
         a.publish(topics.PLAN_HASH, plan(number), 1)
@@ -101,6 +120,25 @@ def test_messages_beyond_the_counted_total_wait(buses: tuple[Bus, Bus, Bus]) -> 
     assert [d.message.plan_id for d in b.collect({key: 5})] == [2, 3, 4]
 
 
+def test_what_is_sent_again_is_delivered_once_and_in_order_even_after_what_came_later(
+        buses: tuple[Bus, Bus, Bus]) -> None:
+    _, a, b = buses
+    a.publish(topics.PLAN_HASH, plan(1), 1)
+    a.turn_page()
+    a.publish(topics.PLAN_HASH, plan(2), 1)
+    b.subscribe(topics.PLAN_HASH)  # what came before is lost, as with a router that has ended
+    hear(b, a)
+    a.publish(topics.PLAN_HASH, plan(3), 1)
+    with pytest.raises(LinkError, match="went away"):
+        b.collect(a.take_counts(), broken=lambda: True)
+    a.publish_again()
+    assert [d.message.plan_id for d in b.collect({})] == [1, 2, 3]
+    a.turn_page()
+    a.turn_page()
+    a.publish_again()
+    assert b.collect({}) == []
+
+
 def test_malformed_payloads_are_refused_and_the_rest_arrives(buses: tuple[Bus, Bus, Bus]) -> None:
     _, a, b = buses
     b.subscribe(topics.PLAN_HASH)
@@ -109,10 +147,11 @@ def test_malformed_payloads_are_refused_and_the_rest_arrives(buses: tuple[Bus, B
     a.publish(topics.PLAN_HASH, plan(1), 1)
     a._publishers[key].put(b"\x94\xa1\xff")
     a._publishers[key].put(b"\x91" * 5000)
-    stranger = _Envelope("a", "another boot", 0, msgspec.Raw(msgspec.msgpack.encode(plan(666))))
+    stranger = Envelope("a", "another boot", 2, 0, msgspec.Raw(msgspec.msgpack.encode(plan(666))))
     a._publishers[key].put(msgspec.msgpack.encode(stranger))
-    wrong_body = _Envelope("a", a.boot, 0, msgspec.Raw(msgspec.msgpack.encode({"plan_id": "x"})))
+    wrong_body = Envelope("a", a.boot, 2, 0, msgspec.Raw(msgspec.msgpack.encode({"plan_id": "x"})))
     a._publishers[key].put(msgspec.msgpack.encode(wrong_body))
+    a.published[key] = 2
     a.publish(topics.PLAN_HASH, plan(2), 1)
     assert [d.message.plan_id for d in b.collect({key: 3})] == [1, 2]
     assert b.rejected == 4
@@ -120,10 +159,10 @@ def test_malformed_payloads_are_refused_and_the_rest_arrives(buses: tuple[Bus, B
 
 @given(st.binary(max_size=80), st.integers(0, 70), st.integers(0, 255))
 def test_hostile_bytes_raise_nothing_that_the_bus_does_not_catch(junk: bytes, at: int, value: int) -> None:
-    valid = bytearray(msgspec.msgpack.encode(_Envelope("a", "b", 1, msgspec.Raw(msgspec.msgpack.encode(plan(1))))))
+    valid = bytearray(msgspec.msgpack.encode(Envelope("a", "b", 1, 1, msgspec.Raw(msgspec.msgpack.encode(plan(1))))))
     valid[at % len(valid)] = value
     for payload in (junk, bytes(valid), bytes(valid) + junk):
-        for kind in (_Envelope, PlanHash, MavlinkFrames):
+        for kind in (Envelope, PlanHash, MavlinkFrames):
             try:
                 msgspec.msgpack.decode(payload, type=kind)
             except MALFORMED:

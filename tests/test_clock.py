@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import signal
 import subprocess
@@ -18,10 +19,10 @@ import pytest
 
 from missions import topics
 from missions.bus import Bus
-from missions.clock import BRIDGE, SimClock
+from missions.clock import BRIDGE, SimClock, Turn
 from missions.errors import LinkError, UserError
-from missions.messages import PlanHash, PlanVerdict, SiteBrief
-from missions.mission import ClockSpec
+from missions.messages import Join, PlanHash, PlanVerdict, SiteBrief, TickDone
+from missions.simulation import ClockSpec
 from sim_bridge.clock_server import ClockServer, Round
 from tests.loopback import free_endpoint
 
@@ -174,15 +175,23 @@ VICTIM = """
 import os, signal, sys
 from missions.bus import Bus
 from missions.clock import SimClock
+from missions.messages import PlanVerdict
+from missions.topics import PLAN_VERDICT
 with Bus("uav1", "test", connect=sys.argv[1]) as bus:
     clock = SimClock(bus, sys.argv[2])
     clock.join(20.0)
     while True:
         turn = clock.next()
-        if turn.tick == 5:
+        bus.publish(PLAN_VERDICT, PlanVerdict(plan_id=turn.tick, sha256="", accepted=True), "uav1")
+        if turn.tick == int(sys.argv[3]):
             os.kill(os.getpid(), signal.SIGKILL)
         clock.done(turn.t_ns + 1)
 """
+
+
+def victim(endpoint: str, dies_at: int = 5) -> subprocess.Popen[bytes]:
+    """A vehicle that is killed at work in this tick."""
+    return subprocess.Popen([sys.executable, "-c", VICTIM, endpoint, HASH, str(dies_at)], env=dict(os.environ))
 
 
 @pytest.mark.loopback
@@ -191,7 +200,7 @@ def test_a_killed_process_is_left_behind() -> None:
     victims: list[subprocess.Popen[bytes]] = []
 
     def start() -> list[threading.Thread]:
-        victims.append(subprocess.Popen([sys.executable, "-c", VICTIM, endpoint, HASH], env=dict(os.environ)))
+        victims.append(victim(endpoint))
         return [participant("ground", endpoint, log, steady)]
 
     rounds = serve(endpoint, {"ground", "uav1"}, start, 20)
@@ -223,19 +232,88 @@ def test_another_mission_and_strangers_are_refused() -> None:
     assert "the mission has no uav7" in reasons[1]
 
 
-def test_who_comes_late_is_told() -> None:
-    endpoint, log = free_endpoint(), Log()
-    reasons: list[str] = []
+@pytest.mark.loopback
+def test_who_takes_the_place_of_a_killed_process_hears_and_is_heard_from_there_on() -> None:
+    """Its predecessor had said more than anybody counted; the numbers begin anew."""
+    endpoint, log, heir = free_endpoint(), Log(), Log()
+    victims: list[subprocess.Popen[bytes]] = []
+    heirs: list[threading.Thread] = []
 
-    def late(clock: SimClock, bus: Bus, turn: Any) -> bool:
-        if turn.tick == 1:
-            with Bus("uav2", "test", connect=endpoint) as other, pytest.raises(UserError) as e:
-                SimClock(other, HASH).join(JOIN_S)
-            reasons.append(str(e.value))
+    def start() -> list[threading.Thread]:
+        victims.append(victim(endpoint))
+        return [participant("ground", endpoint, log, talks_and_calls_the_heir)]
+
+    def talks_and_calls_the_heir(clock: SimClock, bus: Bus, turn: Any) -> bool:
+        if turn.tick == 7:
+            heirs.append(participant("uav1", endpoint, heir, talks))
+        return talks(clock, bus, turn)
+
+    def talks(clock: SimClock, bus: Bus, turn: Any) -> bool:
+        bus.publish(topics.PLAN_VERDICT, PlanVerdict(plan_id=turn.tick, sha256=bus.name, accepted=True), bus.name)
+        time.sleep(0.01)
         return steady(clock, bus, turn)
 
-    serve(endpoint, {"ground"}, lambda: [participant("ground", endpoint, log, late)], 4)
-    assert "under way" in reasons[0]
+    rounds = serve(endpoint, {"ground", "uav1"}, start, 150)
+    heirs[0].join(JOIN_S)
+    assert victims[0].wait() == -signal.SIGKILL
+    assert heir.error is None
+    back = heir.turns[0][0]
+    assert back > 8
+    assert [t[0] for t in heir.turns] == list(range(back, 151))
+    assert [r.tick for r in rounds if "uav1" in r.participants] == [*range(5), *range(back, 150)]
+    assert [d[0] for d in log.deliveries if d[3] == "uav1"] == [*range(1, 6), *range(back + 1, 151)]
+    assert all(d[5].plan_id == d[0] - 1 for d in log.deliveries + heir.deliveries)
+    assert [d[0] for d in heir.deliveries if d[3] == "ground"] == list(range(back + 1, 151))
+
+
+def await_message(clock: SimClock, turn: Turn, what: Callable[[Any], bool]) -> None:
+    """Hold everybody's clock until this has come."""
+    heard = turn.beside
+    while not any(what(d.message) for d in heard):
+        heard = clock.hear(JOIN_S)
+
+
+@pytest.mark.loopback
+def test_what_was_said_in_a_turn_that_was_finished_is_heard_also_when_the_heir_joins_in_it() -> None:
+    """Somebody computes while a vehicle dies and is started again: one tick brings the last words of the dead and
+    announces the heir."""
+    endpoint, log, heir = free_endpoint(), Log(), Log()
+    victims: list[subprocess.Popen[bytes]] = []
+    heirs: list[threading.Thread] = []
+
+    def start() -> list[threading.Thread]:
+        victims.append(victim(endpoint, dies_at=999))
+        return [participant("ground", endpoint, log, computes_for_long)]
+
+    def computes_for_long(clock: SimClock, bus: Bus, turn: Any) -> bool:
+        if turn.tick == 0:
+            bus.subscribe(topics.TICK_DONE, "uav1")
+            bus.subscribe(topics.JOIN)
+        if turn.tick == 5:
+            await_message(clock, turn, lambda m: isinstance(m, TickDone) and m.tick == 5)
+            victims[0].kill()
+            victims[0].wait()
+            heirs.append(participant("uav1", endpoint, heir, steady))
+            await_message(clock, turn, lambda m: isinstance(m, Join))
+        return steady(clock, bus, turn)
+
+    rounds = serve(endpoint, {"ground", "uav1"}, start, 20)
+    heirs[0].join(JOIN_S)
+    assert heir.error is None
+    assert [r.tick for r in rounds if "uav1" in r.participants] == [*range(5), *range(7, 20)]
+    assert [(d[0], d[5].plan_id) for d in log.deliveries if d[3] == "uav1"] == [(n + 1, n) for n in range(6)]
+
+
+def test_who_asks_a_bridge_that_dies_asks_the_next_one() -> None:
+    endpoint, log = free_endpoint(), Log()
+    with Bus(BRIDGE, "test", listen=endpoint) as bus:
+        bus.subscribe(topics.JOIN)
+        bus.announce_alive()
+        thread = participant("ground", endpoint, log, steady)
+        assert [d.message.name for d in bus.poll(timeout_s=JOIN_S)] == ["ground"]
+    rounds = serve(endpoint, {"ground"}, lambda: [thread], 3)
+    assert log.error is None
+    assert [r.tick for r in rounds if "ground" in r.participants] == [0, 1, 2]
 
 
 def test_missing_participants_are_named() -> None:
@@ -283,10 +361,42 @@ def test_real_time_pacing_never_runs_ahead() -> None:
         server.admit({"ground"}, JOIN_S)
         begin = server._wall_start
         for _ in range(20):
+            server.pace()
             round_ = server.run_tick()
             assert time.monotonic() - begin >= round_.t_ns / 1e10 - 1e-6
         server.run_tick(stop=True)
     thread.join(JOIN_S)
+
+
+def test_time_that_a_computation_has_cost_is_not_made_up_for() -> None:
+    endpoint, log = free_endpoint(), Log()
+    with Bus(BRIDGE, "test", listen=endpoint) as bus:
+        server = ClockServer(bus, ClockSpec(speed=10.0), HASH, SITE)
+        thread = participant("ground", endpoint, log, steady)
+        server.admit({"ground"}, JOIN_S)
+        server._wall_start -= 3600.0
+        for _ in range(3):
+            server.pace()
+            server.run_tick()
+            assert server._wall_start + server.t_ns / 1e10 > time.monotonic() - 600.0
+        server.run_tick(stop=True)
+    thread.join(JOIN_S)
+
+
+def test_a_visitor_makes_the_next_tick_come_at_once_but_never_backwards() -> None:
+    endpoint, log = free_endpoint(), Log()
+    with Bus(BRIDGE, "test", listen=endpoint) as bus:
+        server = ClockServer(bus, ClockSpec(tick_s=1.0, speed=1.0), HASH, SITE)
+        thread = participant("ground", endpoint, log, steady)
+        server.admit({"ground"}, JOIN_S)
+        times = []
+        for _ in range(20):
+            server.pace(lambda seconds: True)
+            times.append(server.run_tick().t_ns)
+        server.run_tick(stop=True)
+    thread.join(JOIN_S)
+    assert all(b - a >= 10_000_000 for a, b in itertools.pairwise(times))
+    assert times[-1] < 19e9, "a second of simulated time was waited for between ticks"
 
 
 def _started(target: Callable[[], None]) -> threading.Thread:

@@ -8,7 +8,8 @@ import trimesh
 
 from missions.errors import UserError
 from missions.messages import SiteBrief
-from missions.mission import FleetSpec, Mission, SceneSpec, SiteSpec
+from missions.mission import FleetSpec, Mission, SiteSpec
+from missions.simulation import SceneSpec
 from sim_bridge.__main__ import check_columns, site_brief
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.load import load_scene

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import open3d as o3d
 import pytest
 import trimesh
 from hypothesis import given, settings
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 from ground_station import stages
 from ground_station.cloud_evaluation import Request, evaluate_cloud, read_any_cloud
+from ground_station.report.renderings import PRESENT_COLOUR
 from missions.errors import UserError
 from perception.evaluate import accuracy
 from perception.evaluate.alignment import by_icp, by_markers
@@ -49,6 +51,21 @@ def test_shifted_plane_has_its_shift_as_error(shift: float) -> None:
     overall = accuracy.binned(*accuracy.histogram(signed))
     assert overall.mean_m == pytest.approx(abs(shift), abs=0.6 * accuracy.BIN_M)
     assert overall.rms_m == pytest.approx(abs(shift), abs=0.6 * accuracy.BIN_M)
+
+
+@given(st.floats(0.02, 0.5), st.floats(5.0, 60.0), st.integers(0, 1000))
+@settings(deadline=None, max_examples=30)
+def test_long_thin_triangles_are_measured_to_a_tenth_of_a_millimetre(width: float, length: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    flat = np.array([[0.0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0]]) - [length / 2, 0, 0]
+    points = np.column_stack([rng.uniform(-length / 2, length / 2, 500), rng.uniform(-0.05, width + 0.05, 500),
+                              rng.uniform(-0.03, 0.03, 500)])
+    beside = np.maximum(np.maximum(-points[:, 1], points[:, 1] - width), 0.0)
+    distance, triangle = accuracy.distances_to_mesh((points @ turn.T + 20.0).astype(np.float32), flat @ turn.T + 20.0,
+                                                    FACES)
+    np.testing.assert_allclose(np.abs(distance), np.hypot(beside, points[:, 2]), atol=1e-4)
+    assert set(triangle.tolist()) <= {0, 1}
 
 
 @given(st.lists(st.floats(0, 2), min_size=1, max_size=200))
@@ -125,8 +142,21 @@ def test_a_missing_side_is_missing_and_the_rest_as_noisy_as_it_was_made(tmp_path
     assert found["c2m"]["as_it_is"]["rms_m"] == pytest.approx(0.004, rel=0.05)
     assert found["c2m"]["as_it_is"]["mean_m"] == pytest.approx(0.004 * np.sqrt(2 / np.pi), rel=0.05)
     assert found["c2m"]["within_2cm"] == 1.0
+    assert found["c2m"]["as_it_is"]["binned"]["rms_m"] == pytest.approx(found["c2m"]["as_it_is"]["rms_m"], abs=5e-4)
     recall = found["c2c"]["completeness"]["0.10"]
     assert found["c2m"]["f_score"]["0.10"] == pytest.approx(2 * recall / (1 + recall))
+
+
+def test_pictures_and_the_map_of_what_is_missing(tmp_path: Path) -> None:
+    cloud, mesh = written(tmp_path)
+    found = evaluate_cloud(Request(cloud, mesh, pictures=tmp_path / "shown"))
+    assert {p.name for p in (tmp_path / "shown").glob("*.png")} == {
+        f"{name}_{side}.png" for name in ("colour", "confidence", "error", "missing") for side in (1, 2, 3)}
+    told = o3d.t.io.read_point_cloud(str(tmp_path / "shown" / "missing.ply"))
+    far = told.point["distance_m"].numpy()[:, 0] > 0.25
+    assert far.mean() == pytest.approx(found["c2c"]["missing"])
+    np.testing.assert_array_equal(far, (told.point["colors"].numpy() != PRESENT_COLOUR).any(axis=1))
+    assert told.point["positions"].numpy()[far, 0].min() > 1.7
 
 
 @given(st.floats(-0.05, 0.05), st.floats(-0.15, 0.15))
@@ -165,6 +195,19 @@ def test_parts_are_measured_apart_and_ground_can_be_left_out(tmp_path: Path) -> 
     assert without["c2c"]["completeness"]["0.25"] == 1.0
 
 
+def test_uneven_ground_is_no_error_of_the_object_and_what_floats_is(tmp_path: Path) -> None:
+    box = trimesh.creation.box((4.0, 3.0, 2.0)).apply_translation((0, 0, 1.0))
+    box.export(tmp_path / "box.ply")
+    wall, ground, floating = [-2.0, 0.3, 0.15], [5.0, 0.0, 0.2], [5.0, 0.0, 0.3]
+    for name, points in {"ground": [wall, ground], "floating": [wall, floating]}.items():
+        trimesh.PointCloud(points).export(tmp_path / f"{name}.ply")
+    found = {name: evaluate_cloud(Request(tmp_path / f"{name}.ply", tmp_path / "box.ply", ground_up_m=0.0))["c2m"]
+             for name in ("ground", "floating")}
+    assert found["ground"]["points"] == 1
+    assert found["ground"]["exact"]["mean_m"] == pytest.approx(0.0, abs=1e-6)
+    assert found["floating"]["exact"]["mean_m"] == pytest.approx(1.5)
+
+
 @pytest.mark.parametrize(("arguments", "named"), [
     (["none.ply", "--reference", "box.ply"], "none.ply"),
     (["cloud.ply"], "--reference"),
@@ -173,12 +216,16 @@ def test_parts_are_measured_apart_and_ground_can_be_left_out(tmp_path: Path) -> 
     (["cloud.ply", "--reference", "box.ply", "--align", "markers"], "--markers"),
     (["cloud.ply", "--reference", "box.ply", "--align", "markers", "--markers", "m.csv"], "up_m"),
     (["cloud.ply", "--reference", "box.ply", "--scale"], "--scale"),
+    (["far.ply", "--reference", "box.ply"], "far.ply: .* km from the origin"),
+    (["cloud.ply", "--reference", "far_box.ply"], "far_box.ply: .* km from the origin"),
     (["cloud.ply", "--reference", "box.ply", "--min-confidence", "9"], "--min-confidence"),
 ])
 def test_bad_input_is_told_in_a_sentence(arguments: list[str], named: str, tmp_path: Path,
                                          monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     written(tmp_path)
+    trimesh.PointCloud([[465_000.0, 5_790_000.0, 3.0]]).export("far.ply")
+    trimesh.creation.box().apply_translation((465_000.0, 5_790_000.0, 3.0)).export("far_box.ply")
     Path("m.csv").write_text("name,cloud_x_m,cloud_y_m,cloud_z_m,east_m,north_m\nA,0,0,0,0,0\n")
     with pytest.raises(UserError, match=named):
         stages.main_evaluate(arguments)

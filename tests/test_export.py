@@ -10,7 +10,9 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pycolmap
+import pyexiv2
 import pytest
+import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import CRS, Transformer
@@ -22,13 +24,17 @@ from missions.frames import Site, enu_from_camera
 from missions.mission import CameraSpec, Mission, SiteSpec
 from missions.mission_file import write_mission
 from missions.run_folder import RunFolder, write_views
+from perception.products.model_files import write_model
 from perception.reconstruct.aligned_poses import AlignedPose, read_poses, write_alignment
 from perception.reconstruct.bundle import Adjusted
 from perception.reconstruct.camera_reference import yaw_pitch_roll_deg
 from perception.reconstruct.cloud import Cloud, write_cloud
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 from perception.reconstruct.projection import projection, utm_epsg
+from perception.reconstruct.realitycapture_xmp import write_realitycapture
 from tests.reconstruct_scene import CAMERA
+from tests.test_products import flat_roof
 
 SITE = Site(52.2205, 6.8861, 40.0)
 UTM_32N = 32632
@@ -157,7 +163,8 @@ def align_all(run: RunFolder) -> list[SurveyPicture]:
     moved = [replace(p, position_enu_m=p.position_enu_m + np.array([0.01, -0.02, 0.02])) for p in PICTURES]
     point = np.array([[0.5, 0.25, 5.0]])
     rotations, positions = np.array([p.enu_from_camera for p in moved]), np.array([p.position_enu_m for p in moved])
-    found = Adjusted(rotations, positions, point, np.arange(3), np.zeros(3, np.int64), np.full((3, 2), 100.0))
+    found = Adjusted(rotations, positions, point, np.arange(3), np.zeros(3, np.int64), np.full((3, 2), 100.0),
+                     Optics(PICTURES[0].camera))
     poses = [AlignedPose.of(p, "aligned", 0, 1, 0.03, 0.0) for p in moved]
     write_alignment(run.alignment, "key", PICTURES, poses, found)
     return [p.applied(q) for p, q in zip(read_poses(run.alignment), PICTURES, strict=True)]
@@ -192,6 +199,35 @@ def assert_reference(picture: SurveyPicture, row: list[str]) -> None:
     assert np.abs(SITE.enu_from_geodetic(lat, lon, height) - picture.position_enu_m).max() < 1e-4
     assert np.abs(np.array([lon, lat, height]) - true_geodetic(picture.position_enu_m[None])[0])[:2].max() < 1e-8
     np.testing.assert_allclose(from_yaw_pitch_roll(angles), picture.enu_from_camera, atol=2e-8)
+
+
+def test_realitycapture_sees_a_point_where_it_was(run: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    document = exported(run, capsys, "--format", "realitycapture")
+    assert [Path(f).name for f in document["files"]] == ["UAV_1_10001.xmp", "UAV_1_10002.xmp", "UAV_1_10003.xmp"]
+    for picture, file in zip(PICTURES, document["files"], strict=True):
+        read = pyexiv2_read(file)
+        rotation = np.array(read["Rotation"].split(), float).reshape(3, 3)
+        position = np.array(read["Position"].split(), float)
+        point = picture.position_enu_m + picture.enu_from_camera @ np.array([1.0, -0.5, 8.0])
+        u, v, _ = (rotation @ (point - position)) / 8.0 * float(read["FocalLength35mm"]) / 36.0 * CAMERA.width_px
+        centre = np.array([float(read["PrincipalPointU"]), float(read["PrincipalPointV"])]) * CAMERA.width_px
+        pixel = centre + np.array([u + CAMERA.width_px / 2, v * float(read["AspectRatio"]) + CAMERA.height_px / 2])
+        expected = [CAMERA.cx_px + CAMERA.fx_px / 8.0, CAMERA.cy_px - 0.5 * CAMERA.fy_px / 8.0]
+        np.testing.assert_allclose(pixel, expected, atol=1e-5)
+        assert (read["PosePrior"], read["Coordinates"]) == ("initial", "absolute")
+
+
+def test_realitycapture_has_the_lens_with_tangential_terms_in_its_own_order(tmp_path: Path) -> None:
+    (file,) = write_realitycapture(PICTURES[:1], Optics(CAMERA, (-0.09, 0.03, 0.0008, -0.0006)), tmp_path)
+    read = pyexiv2_read(str(file))
+    assert read["DistortionModel"] == "brown3t2"
+    assert [float(v) for v in read["DistortionCoeficients"].split()] == [-0.09, 0.03, 0.0, 0.0, -0.0006, 0.0008]
+
+
+def pyexiv2_read(file: str) -> dict[str, str]:
+    """Fields of RealityCapture's own name space, by Exiv2's XMP toolkit."""
+    with pyexiv2.Image(file) as sidecar:
+        return {key.rpartition(".")[2]: value for key, value in sidecar.read_xmp().items()}
 
 
 def test_metashape_reference(run: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
@@ -287,3 +323,26 @@ def test_a_run_without_what_is_asked_for_is_refused(run: RunFolder, capsys: pyte
 def test_a_folder_that_cannot_be_written(run: RunFolder, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert "choose another folder with --out" in refusal(run, capsys, "--out", str(tmp_path / "file"))
+
+
+def test_rasters_lie_beside_the_cloud(run: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    write_model(flat_roof(), run.model)
+    document = exported(run, capsys, "--format", "orthophoto", "dsm", "--gsd", "0.1")
+    assert document["crs"] == "EPSG:32632"
+    assert document["gsd_m"] == 0.1
+    with tifffile.TiffFile(run.root / "export" / "dsm.tif") as file:
+        told, height = file.pages[0].geotiff_tags, file.pages[0].asarray()
+    assert document["cells"] == [height.shape[1], height.shape[0]]
+    middle = Transformer.from_crs(4326, UTM_32N, always_xy=True).transform(SITE.lon_deg, SITE.lat_deg)
+    column, row = int((middle[0] - told["ModelTiepoint"][3]) / 0.1), int((told["ModelTiepoint"][4] - middle[1]) / 0.1)
+    assert height[row, column] == pytest.approx(43.0, abs=1e-3), "40 m of the site and a roof 3 m up"
+    assert "cells of 0.1 m in EPSG:32632" in _told(run, capsys, "--format", "dsm", "--gsd", "0.1")
+
+
+def _told(run: RunFolder, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["export", str(run.root), *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def test_rasters_need_a_model(run: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "no textured model; run 'swarmscan reconstruct'" in refusal(run, capsys, "--format", "dsm")

@@ -14,14 +14,16 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ground_station.launcher import prepare
+from ground_station.launcher import _parse
+from ground_station.mission_setup import prepare
 from missions.camera import Camera
 from missions.errors import UserError
 from missions.messages import SiteBrief
-from missions.mission import Mission, SceneSpec, SiteSpec
+from missions.mission import Mission, SiteSpec
 from missions.pads import takeoff_points
 from missions.scene_names import BUILT_IN as NAMED
 from missions.scene_names import FAMILIES, SPLITS, STRUCTURES, FamilyScene, families_of, parse_family
+from missions.simulation import SceneSpec
 from sim_bridge.render.gallery import Card, whole_object, write_gallery
 from sim_bridge.scenes import commands
 from sim_bridge.scenes.builtin import BUILT_IN
@@ -143,8 +145,7 @@ def test_commands_take_a_family_s_scene(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_launcher_takes_a_family_s_scene_and_refuses_a_wrong_one(tmp_path: Path) -> None:
     def options(scene: str) -> argparse.Namespace:
-        return argparse.Namespace(mission="bridge", set=[], scene=scene, vehicles=None, speed=None, views="",
-                                  run=str(tmp_path / "run"))
+        return _parse(["bridge", "--scene", scene, "--run", str(tmp_path / scene.replace(":", "_"))])
 
     mission, _ = prepare(options("family:church:5"))
     assert (mission.scene.name, mission.scene.path) == ("family:church:5", "")

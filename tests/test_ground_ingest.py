@@ -15,17 +15,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from ground_station.ingest import ASK_AGAIN_S, Ingest, Reassembly
+from ground_station.ingest import ASK_AGAIN_S, Ingest, Reassembly, decode_rgb
 from missions.camera import Camera, Pose
 from missions.clock import SECOND_NS
 from missions.errors import ProtocolError
 from missions.frames import Site
 from missions.messages import PictureAck, PictureChunk, PictureMeta
 from missions.run_folder import VIEW_COLUMNS, RunFolder
+from perception.lens import redrawn
 
 CAMERA = Camera.from_diagonal_fov(48, 32, 84.0)
 SITE = Site(52.2205, -6.8861, 40.0)
 SOI = b"\xff\xd8"
+HOMES = [(0.0, 0.0, 0.1), (2.0, 0.0, 0.15)]
 
 
 def meta_of(jpeg: bytes, view_id: int = 5, phase: str = "explore") -> PictureMeta:
@@ -104,7 +106,7 @@ def test_chunks_that_contradict_are_refused() -> None:
 
 def test_on_disk_before_acknowledged_pixels_untouched_with_exif_and_row(tmp_path: Path) -> None:
     jpeg, run = a_jpeg(), RunFolder(tmp_path)
-    ingest = Ingest(run, SITE, "2026-06-01T10:00:00Z")
+    ingest = Ingest(run, SITE, "2026-06-01T10:00:00Z", HOMES)
     *first, last = chunks_of(jpeg, 500)
     assert [ingest.receive(2, c, 0) for c in first] == [(None, None)] * len(first)
     ack, picture = ingest.receive(2, last, 0)
@@ -125,9 +127,22 @@ def test_on_disk_before_acknowledged_pixels_untouched_with_exif_and_row(tmp_path
     assert run.views_csv.read_text().splitlines()[0] == ",".join(VIEW_COLUMNS)
 
 
+def test_what_is_mapped_is_without_the_lens_and_what_is_stored_is_as_it_came(tmp_path: Path) -> None:
+    jpeg, run, lens = a_jpeg(), RunFolder(tmp_path), (-0.1, 0.02, 0.001, 0.0)
+    ingest = Ingest(run, SITE, "2026-06-01T10:00:00Z", HOMES, lens=lens)
+    (whole,) = chunks_of(jpeg, len(jpeg))
+    _, picture = ingest.receive(2, whole, 0)
+    assert picture is not None
+    plain = decode_rgb(jpeg)
+    assert plain is not None
+    assert np.array_equal(picture.rgb, redrawn(plain, meta_of(jpeg).camera, lens, meta_of(jpeg).camera))
+    assert run.picture(2, 5).read_bytes().endswith(jpeg[2:])
+    ingest.close()
+
+
 def test_exif_position_time_and_focal_length(tmp_path: Path) -> None:
     jpeg, run = a_jpeg(), RunFolder(tmp_path)
-    ingest = Ingest(run, SITE, "2026-06-01T10:00:00Z")
+    ingest = Ingest(run, SITE, "2026-06-01T10:00:00Z", HOMES)
     for chunk in chunks_of(jpeg, 10_000):
         ingest.receive(2, chunk, 0)
     ingest.close()

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from ground_station import launcher
 from ground_station.airspace import Airspace
-from ground_station.explore import MAX_FALLBACKS, Asking, Explorer
+from ground_station.decision import Asking
+from ground_station.explore import MAX_FALLBACKS, Explorer
 from ground_station.legs import picture_leg
 from ground_station.novelty import Novelty
 from ground_station.recorder import Recorder
@@ -107,7 +108,7 @@ def test_shut_in_vehicles_look_around_inside_their_column_and_give_up() -> None:
     here, seen = hover, set[int | None]()
     for _ in range(MAX_FALLBACKS):
         decision = explorer.decide([Asking(1, here, 0.0, 0.0, 1e4)], [])
-        assert (decision.legs, decision.stuck) == ([], [1])
+        assert (decision.legs, decision.stuck, decision.spent) == ([], [1], [])
         leg = explorer.look_around(Asking(1, here, 0.0, 0.0, 1e4))
         assert leg is not None
         assert space.clear_at(np.array([w.position_enu_m for w in leg.waypoints])).all()
@@ -118,13 +119,25 @@ def test_shut_in_vehicles_look_around_inside_their_column_and_give_up() -> None:
     assert explorer.look_around(Asking(1, here, 0.0, 0.0, 1e4)) is None
 
 
+def test_the_map_does_not_close_behind_a_vehicle() -> None:
+    explorer, (lower, upper) = Explorer(MISSION, SITE), geofence(MISSION, SITE)
+    known = explorer.grid = VoxelGrid.unknown(lower, upper, 0.5)
+    known.state[:] = FREE
+    way = np.array(hover_points(MISSION, SITE)[0]) + np.linspace(0.0, 1.0, 40)[:, None] * np.array([-5.0, 0.0, 6.0])
+    for position in way:
+        explorer.flew(1, position)
+    after = Airspace.of(explorer.map.grid(), MISSION, SITE)
+    assert after.clear_at(way).all()
+    assert not after.clear_at(way[-1:] + np.array([0.0, 3.0, 0.0]))[0]
+
+
 def test_who_has_energy_for_nothing_gets_nothing_and_is_not_shut_in() -> None:
     explorer, (lower, upper) = Explorer(MISSION, SITE), geofence(MISSION, SITE)
     explorer.map.mark_free(lower, np.array([upper[0], SITE.object_min_enu_m[1] - 1.0, upper[2]]))
     explorer.grid = explorer.map.grid()
     here = np.array(hover_points(MISSION, SITE)[0])
     decision = explorer.decide([Asking(1, here, 0.0, 0.0, 0.0)], [])
-    assert (decision.legs, decision.stuck) == ([], [])
+    assert (decision.legs, decision.stuck, decision.spent) == ([], [], [1])
     [leg] = explorer.decide([Asking(1, here, 0.0, 0.0, 1e4)], []).legs
     assert leg.predicted_gain_m2 is not None
     assert leg.predicted_gain_m2 > 0.0
@@ -137,8 +150,8 @@ def test_views_files_are_read_or_refused_with_line_and_remedy(tmp_path: Path) ->
     [view] = read_views(path)
     assert (view.view_id, view.pose.position_enu_m) == (7, (1.0, 2.0, 3.0))
     assert (view.pose.yaw_enu_rad, view.pose.elevation_rad) == pytest.approx((np.pi / 2, -np.pi / 6))
-    q = view.pose.quaternion_wxyz
-    path.write_text("view_id,east_m,north_m,up_m,qw,qx,qy,qz\n7,1,2,3," + ",".join(map(str, q)) + "\n")
+    q = ",".join(map(str, view.pose.quaternion_wxyz))
+    path.write_text(f"\ufeffview_id, east_m, north_m, up_m, qw, qx, qy, qz\n7,1,2,3,{q}\n", encoding="utf-8")
     assert read_views(path)[0].pose.yaw_enu_rad == pytest.approx(np.pi / 2)
     for text, hint in (("view_id,east_m\n1,2\n", "north_m, up_m are missing"),
                        ("view_id,east_m,north_m,up_m,yaw_deg,elevation_deg\n7,x,2,3,90,0\n", "line 2"),

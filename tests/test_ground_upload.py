@@ -14,7 +14,8 @@ from missions.clock import SECOND_NS
 from missions.frames import Site
 from missions.mavlink import AUTOPILOT_COMPONENT, Endpoint, Item, Route, Waypoint, items_from_route, plan_sha256
 from missions.messages import PlanHash, PlanVerdict
-from vehicle.mission_service import MissionService
+from vehicle.autopilot.craft import MISSION, Shelf
+from vehicle.autopilot.mission_service import WINDOW, MissionService, TransferStyle
 
 SITE = Site(52.0, 6.0, 40.0)
 TICK_NS = SECOND_NS // 100
@@ -32,20 +33,20 @@ class FakeVehicle:
 
     def __init__(self) -> None:
         self.endpoint = Endpoint(VEHICLE, AUTOPILOT_COMPONENT)
-        self.service = MissionService(self._judge, jump=lambda item: None)
+        self.service = MissionService({MISSION: Shelf()}, self._judge, lambda item: None, TransferStyle(WINDOW))
         self.announced: PlanHash | None = None
         self.accepted: list[list[Item]] = []
         self.verdicts: list[PlanVerdict] = []
         self.started = 0
 
-    def _judge(self, items: list[Item]) -> bool:
+    def _judge(self, kind: int, items: list[Item]) -> int:
         assert self.announced is not None
         sha = plan_sha256(items)
         good = sha == self.announced.sha256
         if good and (not self.accepted or plan_sha256(self.accepted[-1]) != sha):
             self.accepted.append(items)
         self.verdicts.append(PlanVerdict(plan_id=self.announced.plan_id, sha256=sha, accepted=good))
-        return good
+        return int(mav.MAV_MISSION_ACCEPTED if good else mav.MAV_MISSION_DENIED)
 
     def handle(self, frames: list[bytes], t_ns: int) -> list[bytes]:
         answers: list[Any] = []

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from missions.camera import Camera, Pose
 from perception.evaluate.inspection import Asked, Shot, inspect, surface_per_pixel
+from perception.evaluate.reachable import Stand, reachable_pictures
 from perception.evaluate.reference import Reference
 
 CAMERA = Camera.from_diagonal_fov(1920, 1080, 82.0)
@@ -77,3 +78,24 @@ def test_another_picture_never_makes_it_worse_and_speed_never_better(taken: list
 def test_motion_of_two_pixels_halves_the_quality() -> None:
     speed = 2.0 * 5.0 / CAMERA.fx_px / ASKED.exposure_s
     np.testing.assert_allclose(inspect(wall(), [shot(5.0, speed_m_s=speed)], ASKED).quality, 0.5, rtol=1e-6)
+
+
+PLACES = np.array([[-2.0, -5.0, 2.0], [0.0, -5.0, 2.0], [2.0, -5.0, 2.0], [0.0, 5.0, 2.0], [0.0, -0.5, 2.0],
+                   [0.0, -30.0, 2.0]])
+
+
+def test_within_reach_is_what_enough_places_before_the_wall_see() -> None:
+    """Three of the six places count: one is behind the wall, one too near to it and one too far."""
+    assert reachable_pictures(wall(), PLACES, Stand(1.0, 12.0), 4).tolist() == [3] * 400
+    assert reachable_pictures(wall(), PLACES, Stand(1.0, 12.0), 2).tolist() == [2] * 400
+    assert reachable_pictures(wall(), PLACES, Stand(1.0, 40.0), 9).tolist() == [4] * 400
+    grazing = reachable_pictures(wall(), PLACES[:1], Stand(1.0, 12.0, 30.0), 1)
+    assert 0 < grazing.sum() < 400
+
+
+def test_a_screen_takes_places_out_of_reach() -> None:
+    reference = wall(trimesh.creation.box((1.0, 0.1, 1.0)).apply_translation((0.0, -2.0, 2.0)))
+    shadow = (np.abs(reference.samples_enu_m[:, [0, 2]] - [0.0, 2.0]) < 0.8).all(axis=1)
+    found = reachable_pictures(reference, PLACES[1:2], Stand(1.0, 12.0), 3)
+    assert found[shadow].tolist() == [0] * int(shadow.sum())
+    assert found.max() == 1

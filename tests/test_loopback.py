@@ -18,12 +18,16 @@ import pytest
 import trimesh
 from PIL import Image
 
-from ground_station import launcher
+from ground_station import launcher, processes
+from ground_station.mcap_export import write_recording
+from ground_station.mission_setup import prepare
+from ground_station.report.run_data import read_run
 from missions import topics
 from missions.bus import Bus
 from missions.messages import Status
 from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
+from missions.tlog import read_tlog
 from vehicle.plan_check import LOST_TEAMMATE
 
 HERE = Path(__file__).parent
@@ -33,9 +37,8 @@ REFINED = ["survey.refine=4"]
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 
-def fly(tmp_path: Path, settings: list[str], watch: Callable[[launcher.Flight, Status], None] | None = None,
-        environment: dict[str, str] | None = None) -> tuple[RunFolder, list[str]]:
-    """Fly the small mission over a box; `watch` sees every status and may interfere."""
+def small_mission(tmp_path: Path, settings: list[str]) -> list[str]:
+    """The small mission over a box, as arguments of `swarmscan fly`."""
     scene = tmp_path / f"{SCENE_NAME}.ply"
     if not scene.exists():
         box = trimesh.creation.box(extents=(8.0, 6.0, 7.0))
@@ -43,10 +46,17 @@ def fly(tmp_path: Path, settings: list[str], watch: Callable[[launcher.Flight, S
         box.export(scene)
     run_name = str(tmp_path / f"run{len(list(tmp_path.glob('run*')))}")
     sets = [part for s in settings for part in ("--set", s)]
-    options = launcher._parse([str(MISSION), "--scene", str(scene), "--run", run_name, *sets])
-    mission, run = launcher.prepare(options)
-    endpoint = f"tcp/127.0.0.1:{launcher._free_port()}"
-    flight = launcher.Flight(launcher.process_table(mission, run, endpoint, "test", quiet=True), run,
+    return [str(MISSION), "--scene", str(scene), "--run", run_name, *sets]
+
+
+def fly(tmp_path: Path, settings: list[str], watch: Callable[[processes.Flight, Status], None] | None = None,
+        environment: dict[str, str] | None = None) -> tuple[RunFolder, list[str]]:
+    """Fly the small mission; `watch` sees every status and may interfere."""
+    options = launcher._parse(small_mission(tmp_path, settings))
+    mission, run = prepare(options)
+    endpoint = processes.free_endpoint()
+    run.endpoint.write_text(endpoint, encoding="ascii")
+    flight = processes.Flight(processes.process_table(mission, run, endpoint, "test", quiet=True), run,
                              keep=environment or {})
     over = threading.Event()
     watcher = threading.Thread(target=_observe, args=(endpoint, flight, watch, over)) if watch else None
@@ -61,7 +71,7 @@ def fly(tmp_path: Path, settings: list[str], watch: Callable[[launcher.Flight, S
         flight.stop()
 
 
-def _observe(endpoint: str, flight: launcher.Flight, watch: Callable[[launcher.Flight, Status], None],
+def _observe(endpoint: str, flight: processes.Flight, watch: Callable[[processes.Flight, Status], None],
              over: threading.Event) -> None:
     with Bus("observer", "test", connect=endpoint) as bus:
         bus.subscribe(topics.STATUS)
@@ -137,6 +147,24 @@ def test_trajectories_are_at_ten_hertz_and_battery_follows_the_path(flown: tuple
             assert np.allclose(path[0], path[-1], atol=1e-2)
 
 
+def test_the_telemetry_log_and_the_recording_hold_the_whole_flight(flown: tuple[RunFolder, list[str], Path]) -> None:
+    run, _, _ = flown
+    log = list(read_tlog(run.tlog, load_mission(run.mission).clock.epoch_utc))
+    captured = [m for _, m in log if m.get_type() == "CAMERA_IMAGE_CAPTURED"]
+    pictures = sum(map(len, flight_of(run)["tours"].values()))
+    assert len({(m.get_srcSystem(), m.image_index) for m in captured}) == pictures
+    with np.load(run.trajectories) as tracks:
+        for k in (1, 2):
+            flown_by_k = [(t, (m.y, m.x, -m.z)) for t, m in log
+                          if (m.get_type(), m.get_srcSystem()) == ("LOCAL_POSITION_NED", k)]
+            t_s, places = (np.array(column) for column in zip(*flown_by_k, strict=True))
+            path = [np.interp(t_s, tracks[f"uav{k}_t_s"], column) for column in tracks[f"uav{k}_position_enu_m"].T]
+            assert np.abs(np.array(path).T - places).max() < 0.5
+    shown = write_recording(read_run(run), run.recording)
+    assert sum(n for topic, n in shown.items() if topic.endswith("camera/picture")) == pictures
+    assert shown["/uav1/plan"] >= 1
+
+
 def test_the_same_mission_flies_the_same_trajectories_again(
         flown: tuple[RunFolder, list[str], Path], tmp_path: Path) -> None:
     first, _, folder = flown
@@ -147,6 +175,7 @@ def test_the_same_mission_flies_the_same_trajectories_again(
         assert [name for name in a.files if not np.array_equal(a[name], b[name])] == []
     assert flight_of(first)["outcomes"] == flight_of(second)["outcomes"]
     assert first.views_csv.read_bytes() == second.views_csv.read_bytes()
+    assert first.tlog.read_bytes() == second.tlog.read_bytes()
 
 
 def test_the_ground_station_never_opens_the_scene(flown: tuple[RunFolder, list[str], Path]) -> None:
@@ -167,13 +196,13 @@ def test_the_ground_station_never_opens_the_scene(flown: tuple[RunFolder, list[s
 def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path) -> None:
     killed: list[float] = []
 
-    def kill_first(flight: launcher.Flight, status: Status) -> None:
+    def kill_first(flight: processes.Flight, status: Status) -> None:
         surveyed = next(v for v in status.vehicles if v.vehicle_id == 1)
         if not killed and status.phase == "survey" and surveyed.views_left and surveyed.mode == "flying":
             killed.append(status.t_ns / 1e9)
             os.kill(flight.running["uav1"].pid, signal.SIGKILL)
 
-    run, complaints = fly(tmp_path, ["explore.max_views=6", "clock.speed=8.0"], watch=kill_first)
+    run, complaints = fly(tmp_path, ["explore.max_views=6", "clock.speed=8.0", "fleet.restarts=0"], watch=kill_first)
     assert killed
     assert len(complaints) == 1
     assert complaints[0].startswith("uav1 ended with code -9")
@@ -210,11 +239,11 @@ def test_a_vehicle_that_runs_low_hands_its_views_over_and_keeps_their_origin(tmp
 
 
 def test_a_killed_bridge_ends_the_flight_names_its_log_and_keeps_what_was_received(tmp_path: Path) -> None:
-    def kill_bridge(flight: launcher.Flight, status: Status) -> None:
+    def kill_bridge(flight: processes.Flight, status: Status) -> None:
         if status.pictures and "bridge" in flight.running:
             os.kill(flight.running["bridge"].pid, signal.SIGKILL)
 
-    run, complaints = fly(tmp_path, ["clock.speed=8.0"], watch=kill_bridge)
+    run, complaints = fly(tmp_path, ["clock.speed=8.0", "fleet.restarts=0"], watch=kill_bridge)
     assert any(c.startswith("bridge ended with code -9; read") and c.endswith("bridge.log.") for c in complaints)
     with run.views_csv.open() as f:
         rows = list(csv.DictReader(f))

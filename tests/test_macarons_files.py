@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground_station.launcher import _parse, overrides
+from ground_station.launcher import _parse
 from ground_station.macarons_command import main, mission_of, settings_of
+from ground_station.mission_setup import overrides
 from ground_station.views_file import read_views, write_views
 from missions.blender_poses import euler_from_pose, matrix_from_euler, pose_from_blender, read_blender
 from missions.camera import Pose
@@ -29,8 +30,9 @@ from missions.macarons_settings import (
     read_settings,
     write_settings,
 )
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
 from missions.mission_file import load_mission
+from missions.simulation import SceneSpec
 from sim_bridge.scenes.load import load_scene
 
 SCENE = SceneSection(grid_l=7, grid_w=3, grid_h=5, x_min=(-8.0156, -0.7179, -3.0646), x_max=(6.7536, 3.223, 2.5213))

@@ -203,3 +203,19 @@ def test_one_picture_or_a_turn_on_the_spot_maps_nothing() -> None:
     assert explorer.update() == []
     assert not (explorer.grid().state == OCCUPIED).any()
     assert explorer.depth(0) is None
+
+
+def test_free_space_around_a_flown_way_stays_free_until_it_is_solid() -> None:
+    maps = _row(4)
+    voxels, a, b = _mapped(maps), np.array([-1.0, -4.0, 5.0]), np.array([1.0, -4.0, 5.0])
+    known = voxels.grid()
+    voxels.hold_free(known, a, b, 1.5)
+    for depth in maps:
+        voxels.integrate(depth, sign=-1)
+    held = voxels.grid()
+    centers = held.centers(np.argwhere(np.ones(held.state.shape, bool))).reshape(*held.state.shape, 3)
+    away = np.linalg.norm(centers - np.clip(centers, a, b), axis=-1)
+    assert np.array_equal(held.state == FREE, (known.state == FREE) & (away <= 1.5))
+    for depth in _wall_maps([(x, -9.0, 5.0) for x in np.linspace(-2.0, 2.0, 5)]):
+        voxels.integrate(replace(depth, depth_m=np.full_like(depth.depth_m, 5.0)))
+    assert (voxels.grid().state_at(np.array([[0.0, -4.0, 5.0], [0.5, -4.0, 5.2]])) == OCCUPIED).all()

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from missions.camera import Camera, Pose
 from missions.grid import FREE, OCCUPIED
-from missions.mission import Mission, SceneSpec
+from missions.mission import Mission
+from missions.simulation import SceneSpec
 from perception.mapping.explorer_map import ExplorerMap
 from sim_bridge.render import make_renderer
 from sim_bridge.scenes.load import load_scene

@@ -32,6 +32,7 @@ def test_shipped_missions_load_and_are_described(path):
     ("title = 'x'\n[fleet]\ntakeoff_enu_m = [[0.0, 0.0, 0.0]]\n", "fleet.takeoff_enu_m", "leave it out"),
     ("title = 'x'\n[site]\nobject_min_enu_m = [0.0, 0.0, 0.0]\n", "object_max_enu_m", "give both"),
     ("title = 'x'\n[fleet]\nclearance_m = 0.1\n", "fleet.clearance_m", "raise the clearance"),
+    ("title = 'x'\n[fleet]\nreserve = 2\n", "fleet.reserve", "raise fleet.vehicles"),
     ("title = x\n", "TOML", "mend that line"),
 ])
 def test_errors_name_file_key_and_remedy(tmp_path, text, key, remedy):

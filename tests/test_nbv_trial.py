@@ -226,9 +226,12 @@ class _Watched(Oracle):
     def __init__(self, score: Score, starts: list[Index5], patience: int = 0) -> None:
         super().__init__(arena(), score, starts, ORACLES["greedy_oracle"])
         self.places, self.patience, self.asked = dict(enumerate(starts, 1)), patience, 0
+        self.arrived: list[int] = []
+        """Key poses flown when each question came."""
 
     def choose(self, ask: Ask) -> Answer:
         self.asked += 1
+        self.arrived.append(len(self._score.curve))
         others = {index[:3] for vehicle, index in self.places.items() if vehicle != ask.vehicle}
         assert not others & {index[:3] for index in ask.candidates}
         if self.asked <= self.patience:
@@ -240,10 +243,31 @@ class _Watched(Oracle):
 
 
 def watched(vehicles: int, patience: int) -> tuple[Score, _Watched]:
-    brief, score = arena().brief("watched", 0, vehicles, {}), Score(arena())
+    record, pilot = watched_record(vehicles, patience, RULES.poses)
+    return record.score, pilot
+
+
+def watched_record(vehicles: int, patience: int, poses: int) -> tuple[Record, _Watched]:
+    brief, score = msgspec.structs.replace(arena().brief("watched", 0, vehicles, {}), poses=poses), Score(arena())
     pilot = _Watched(score, brief.starts, patience)
-    Trial(brief, score, pilot, None).run(brief.starts)
-    return score, pilot
+    return Trial(brief, score, pilot, None).run(brief.starts), pilot
+
+
+def test_in_step_every_decision_is_one_for_the_whole_fleet() -> None:
+    a = cube_arena(msgspec.structs.replace(RULES, in_step=True, poses=16))
+    brief, score = a.brief("greedy_oracle", 0, 4, {}), Score(a)
+    record = Trial(brief, score, Oracle(a, score, brief.starts, ORACLES["greedy_oracle"]), None).run(brief.starts)
+    assert [n for n in record.rounds if n] == [4, 4, 4]
+    assert len(set(score.seconds)) == 4
+
+
+def test_who_arrive_together_are_all_seen_before_any_is_sent_on() -> None:
+    record, pilot = watched_record(4, 0, 60)
+    seconds, rounds = np.array(record.score.seconds), [n for n in record.rounds if n]
+    assert sum(rounds) == len(record.answers)
+    assert max(rounds[1:]) > 1
+    for arrived in pilot.arrived:
+        assert arrived == len(seconds) or seconds[arrived] > seconds[arrived - 1]
 
 
 def test_no_vehicle_is_offered_a_place_that_another_holds_or_flies_to() -> None:

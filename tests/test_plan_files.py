@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,8 @@ from missions.qgc_plan import read_plan, write_plan
 from missions.waypoint_file import read_waypoints, write_waypoints
 from tests.test_mavlink import SITE, routes
 
-LAT, LON = st.floats(-90, 90), st.floats(-180, 180)
+LAT, LON = st.floats(-33.9, -33.5), st.floats(151.0, 151.4)
+ANY_LAT, ANY_LON = st.floats(-90, 90), st.floats(-180, 180)
 ALT = st.floats(-400, 8000, width=32)
 FRAMES = (0, 2, 3, 10)
 singles = st.floats(allow_infinity=False, width=32)
@@ -70,7 +72,7 @@ def test_a_plan_comes_back_from_both_formats_bit_for_bit(folder, plan):
     assert digest(read_waypoints(folder / "a.waypoints")) == digest(FlightPlan(home=plan.home, mission=plan.mission))
 
 
-@given(lat=LAT, lon=LON, alt=ALT, frame=st.sampled_from([0, 3, 10]))
+@given(lat=ANY_LAT, lon=ANY_LON, alt=ALT, frame=st.sampled_from([0, 3, 10]))
 def test_what_is_read_is_within_2e_7_degrees_and_a_millimetre_of_what_was_written(lat, lon, alt, frame):
     back = params_of_item(item_from_params(frame, 16, (0, 0, 0, 0, lat, lon, alt), "drawn"))[4:]
     assert abs(back[0] - lat) <= 2e-7
@@ -238,6 +240,53 @@ def test_a_broken_waypoint_file_is_refused_in_one_sentence(tmp_path, lines, wher
     assert said.startswith(f"{path}: {where}")
     assert told in said
     assert said.endswith(".")
+
+
+NUMBER = re.compile(r"-?\d+(\.\d+)?")
+WAYPOINTS = "\n".join(["QGC WPL 110", HOME_LINE, "1 0 3 22 15 0 0 nan 47.001 8.001 10 1",
+                       "2 0 2 2000 0 0 1 7 0 0 0 1"])
+odd_numbers = st.sampled_from(["NaN", "Infinity", "-1", "1e9", "1e999", "123456789012345678901", "", "null", "[]",
+                               '"1"', "147.5", "0.1", "-0"])
+
+
+@given(text=st.sampled_from([json.dumps(BY_HAND), WAYPOINTS]), at=st.floats(0, 1), number=odd_numbers,
+       cut=st.floats(0, 1) | st.none())
+def test_a_damaged_file_is_read_or_refused_in_one_sentence(folder, text, at, number, cut):
+    spot = list(NUMBER.finditer(text))[round(at * (len(NUMBER.findall(text)) - 1))]
+    text = text[:spot.start()] + number + text[spot.end():]
+    path = folder / "damaged"
+    path.write_text(text if cut is None else text[:round(cut * len(text))])
+    for read in (read_plan, read_waypoints):
+        try:
+            said = f"{path}: {len(read(path).mission)} items."
+        except UserError as refused:
+            said = str(refused)
+        assert said.startswith(f"{path}: ")
+        assert said.endswith(".")
+        assert "\n" not in said
+
+
+SWAPPED_VERTEX = [[8.544, 47.396], [8.548, 47.396], [8.548, 47.399]]
+
+
+@pytest.mark.parametrize(("content", "told"), [
+    (edited("mission.plannedHomePosition", [8.54561, 47.39777, 488]), "mission item 0 at latitude 47.3978"),
+    (edited("mission.items.0.params", [15, 0, 0, None, 8.5455, 47.3978, 50]), "mission item 0 at latitude 8.5455"),
+    (edited("geoFence.polygons.0.polygon", SWAPPED_VERTEX), "fence item 0 at latitude 8.5440, longitude 47.3960 is 5"),
+    (edited("rallyPoints.points.0", [8.55, 47.397, 50]), "rally item 0")])
+def test_latitude_and_longitude_that_were_swapped_are_noticed(tmp_path, content, told):
+    path = tmp_path / "swapped.plan"
+    path.write_text(content)
+    with pytest.raises(UserError, match=r" km from home; latitude comes first, so swap them or move home\.$") as e:
+        read_plan(path)
+    assert told in str(e.value)
+
+
+def test_swapped_waypoints_are_noticed(tmp_path):
+    path = tmp_path / "swapped.waypoints"
+    path.write_text("\n".join(["QGC WPL 110", HOME_LINE, "1 0 3 16 0 0 0 0 8.001 47.001 10 1"]))
+    with pytest.raises(UserError, match=r"mission item 0 at latitude 8\.0010"):
+        read_waypoints(path)
 
 
 @given(noise=st.binary(max_size=200))

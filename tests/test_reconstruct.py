@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from missions.camera import Camera
 from missions.errors import UserError
 from missions.frames import Array
-from perception.reconstruct import pipeline
+from perception.products.mesh import poisson_mesh
 from perception.reconstruct.cloud import Cloud, on_grid, read_cloud, without_islands, write_cloud
 from perception.reconstruct.depth_map import merge_pairs
+from perception.reconstruct.depth_stage import depth_key, save_array
+from perception.reconstruct.fuse_stage import Part, in_layers, merged, records_of, slab_bounds
 from perception.reconstruct.fusion import PosedDepth, support
-from perception.reconstruct.mesh import poisson_mesh
 from perception.reconstruct.pairs import overlapping, stereo_partners
 from perception.reconstruct.pictures import SurveyPicture, read_colour
-from perception.reconstruct.pipeline import Region, Settings, reconstruct
+from perception.reconstruct.pipeline import reconstruct
+from perception.reconstruct.resources import LastUsed, room
+from perception.reconstruct.settings import Region, Settings
 from perception.reconstruct.stereo import Eye, PairDepth, pair_depth
 from tests.reconstruct_scene import CAMERA, looking_at, photograph, survey, wall_and_box
 
@@ -104,20 +110,19 @@ def test_again_from_stored_depth_and_with_other_threads(cloud: Cloud, pictures: 
                                                         tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     again = reconstruct(pictures, REGION, SETTINGS, depth_folder, lambda *step: told.append(step))
-    assert {stage for stage, _, _ in told} == {"fuse"}
+    assert {stage for stage, _, _ in told} == {"merge"}
     fresh = reconstruct(pictures, REGION, Settings(depth_width_px=640, distance_m=5.0, threads=1), tmp_path)
     for other in (again, fresh):
         np.testing.assert_array_equal(other.points_enu_m, cloud.points_enu_m)
         np.testing.assert_array_equal(other.colours, cloud.colours)
 
 
-def test_mesh_lies_on_the_surface(cloud: Cloud) -> None:
+def test_mesh_lies_on_the_surface_and_bridges_no_gap(cloud: Cloud) -> None:
     mesh = poisson_mesh(cloud, spacing_m=0.05)
-    vertices = np.asarray(mesh.vertices)
-    distance = distance_to_surface(vertices)
-    assert len(mesh.triangles) > 1000
-    assert mesh.has_vertex_colors()
+    distance = distance_to_surface(mesh.vertices_enu_m)
+    assert len(mesh) > 1000
     assert np.mean(distance < 0.05) > 0.95
+    assert cKDTree(cloud.points_enu_m).query(mesh.vertices_enu_m)[0].max() < 0.15
 
 
 def test_cloud_file_keeps_everything(cloud: Cloud, tmp_path: Path) -> None:
@@ -194,6 +199,19 @@ def test_support_counts_agreement_and_sight_through() -> None:
     np.testing.assert_allclose(found.depth[middle], (5.0 + 5.0 + 5.01) / 3, atol=1e-3)
 
 
+def test_what_is_vague_from_afar_confirms_nothing_seen_from_nearby() -> None:
+    camera = Camera.from_diagonal_fov(64, 36, 84.0)
+
+    def wall(depth_m: float, behind_m: float) -> PosedDepth:
+        return PosedDepth(np.full((36, 64), depth_m, np.float32), np.eye(3), np.array([0.0, 0.0, -behind_m]))
+
+    near, far = wall(5.0, 0.0), wall(45.1, 40.0)
+    middle = (slice(10, 26), slice(20, 44))
+    assert np.all(support(near, [far], camera).agreeing[middle] == 1), "10 cm are 0.2 % of 45 m, but 2 % of 5 m"
+    assert np.all(support(far, [near], camera).agreeing[middle] == 1), "nor the other way round"
+    assert np.all(support(near, [wall(45.01, 40.0)], camera).agreeing[middle] == 2)
+
+
 def scattered(n: int, seed: int, spread_m: float = 1.0) -> Cloud:
     rng = np.random.default_rng(seed)
     normals = rng.normal(size=(n, 3)).astype(np.float32)
@@ -211,10 +229,63 @@ def test_grid_moves_no_point_out_of_its_voxel(n: int, seed: int, spacing: float)
     assert thin.confidence.max() == full.confidence.max()
 
 
+@given(st.lists(st.integers(0, 300), min_size=1, max_size=4), st.integers(0, 5), st.integers(1, 500))
+def test_slab_by_slab_is_as_all_at_once(sizes: list[int], seed: int, most: int) -> None:
+    clouds = [in_layers(on_grid(scattered(n, seed + k), 0.1), 0.1) for k, n in enumerate(sizes)]
+    with TemporaryDirectory() as folder:
+        parts = []
+        for k, part in enumerate(clouds):
+            path = Path(folder) / f"{k}.npy"
+            save_array(path, records_of(part))
+            parts.append(Part.of(path, 0.1))
+        bounds = slab_bounds(parts, most)
+        slabs, whole = merged(parts, 0.1, most), on_grid(Cloud.concatenate(clouds), 0.1)
+        held = [sum(len(part.cut(a, b)) for part in parts) for a, b in pairwise(bounds)]
+    assert sum(held) == sum(len(part) for part in clouds)
+    assert all(n <= most or b - a == 1 for n, (a, b) in zip(held, pairwise(bounds), strict=True))
+    for name in ("points_enu_m", "colours", "normals", "confidence"):
+        np.testing.assert_array_equal(getattr(slabs, name), getattr(whole, name))
+
+
+def test_what_is_kept_stays_within_its_limit_and_is_made_once() -> None:
+    made: list[int] = []
+
+    def make(i: int) -> np.ndarray:
+        made.append(i)
+        return np.full(10, i, np.uint8)
+
+    shelf = LastUsed(make, lambda a: a.nbytes, 25)
+    assert [int(shelf[i][0]) for i in (0, 1, 0, 2, 0, 1)] == [0, 1, 0, 2, 0, 1]
+    assert made == [0, 1, 2, 1], "the third one displaced what was asked for longest ago"
+
+
+def test_threads_are_as_many_as_memory_has_room_for() -> None:
+    assert room(4.0, 3, 100 * 2**20, 2**20).threads == 3
+    assert room(1.0, 3, 200 * 2**20, 2**20).threads == 2
+    with pytest.raises(UserError, match=r"reconstruct\.memory_gib 0\.7: too little.*at least 1\.6"):
+        room(0.7, 3, 2**30, 2**20)
+
+
+def touching_by_label(index: np.ndarray) -> np.ndarray:
+    occupied = np.zeros(tuple(index.max(axis=0) + 1), dtype=bool)
+    occupied[tuple(index.T)] = True
+    return ndimage.label(occupied, structure=np.ones((3, 3, 3)))[0][tuple(index.T)]
+
+
+@given(st.integers(1, 60), st.integers(0, 20), st.integers(1, 6))
+def test_islands_are_groups_of_touching_cells(n: int, seed: int, least: int) -> None:
+    index = np.random.default_rng(seed).integers(0, 6, (n, 3))
+    full = scattered(n, seed)
+    cloud = Cloud((index + 0.5).astype(np.float32), full.colours, full.normals, full.confidence)
+    group = touching_by_label(index)
+    expected = cloud.points_enu_m[np.bincount(group)[group] >= least]
+    np.testing.assert_array_equal(without_islands(cloud, 1.0, least).points_enu_m, expected)
+
+
 def test_islands_are_dropped() -> None:
     island = scattered(20, 1, 0.2)
     far = Cloud(island.points_enu_m + np.float32(5.0), island.colours, island.normals, island.confidence)
-    kept = without_islands(Cloud.concatenate([scattered(500, 0, 0.5), far]))
+    kept = without_islands(Cloud.concatenate([scattered(500, 0, 0.5), far]), 0.15)
     assert len(kept) == 500
 
 
@@ -230,7 +301,7 @@ def test_unreadable_and_wrongly_sized_pictures_are_named(pictures: list[SurveyPi
 
 
 def test_depth_key_depends_on_what_matters(pictures: list[SurveyPicture]) -> None:
-    key = pipeline.depth_key(pictures, SETTINGS)
-    assert key == pipeline.depth_key(pictures, Settings(depth_width_px=640, distance_m=5.0, min_confidence=5))
-    assert key != pipeline.depth_key(pictures, Settings(depth_width_px=320, distance_m=5.0))
-    assert key != pipeline.depth_key(pictures[:-1], SETTINGS)
+    key = depth_key(pictures, SETTINGS)
+    assert key == depth_key(pictures, Settings(depth_width_px=640, distance_m=5.0, min_confidence=5))
+    assert key != depth_key(pictures, Settings(depth_width_px=320, distance_m=5.0))
+    assert key != depth_key(pictures[:-1], SETTINGS)

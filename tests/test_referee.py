@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from missions.clock import SECOND_NS
 from missions.frames import Array
 from missions.messages import VehicleState
-from missions.mission import FleetSpec, ObstacleSpec
+from missions.mission import FleetSpec
+from missions.simulation import ObstacleSpec
 from sim_bridge.referee import Referee, quintic
 from sim_bridge.truth import Truth
+from sim_bridge.world import resting
 
 HALF = np.array([2.0, 3.0, 4.0])
 CENTER = np.array([0.0, 0.0, 10.0])
@@ -167,18 +169,18 @@ def test_two_vehicles_that_meet_collide_once() -> None:
     assert [(e["vehicle_id"], e["with"]) for e in referee.collision_events] == [(1, "uav2")]
 
 
-def test_a_vehicle_that_has_left_no_longer_counts() -> None:
+def test_an_aircraft_whose_computer_has_died_is_still_in_the_way() -> None:
     referee = Referee(truth(), FLEET)
     hover = np.array([-20.0, 20.0, 10.0])
+    beside = state(1.9, hover + np.array([0.0, 5.0, 0.0]), np.array([1.0, 0.0, 0.0]), 2)
     for k in range(20):
         referee.see(state(0.1 * k, hover, np.zeros(3), 1))
         referee.see(state(0.1 * k, hover + np.array([0.0, 5.0, 0.0]), np.zeros(3), 2))
-    referee.drop(2)
     for s in straight(hover, hover + np.array([0.0, 5.0, 0.0]), t0_s=2.0):
         referee.see(s)
+        referee.see(resting(beside, s.t_ns))
     referee.finish()
-    assert referee.min_separation_m == pytest.approx(5.0)
-    assert referee.collision_events == []
+    assert [(e["vehicle_id"], e["with"]) for e in referee.collision_events] == [(1, "uav2")]
 
 
 @pytest.mark.parametrize(("appears_s", "hits"), [(0.0, 1), (100.0, 0)])

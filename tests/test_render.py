@@ -19,9 +19,11 @@ import pytest
 
 from missions.camera import Camera, Pose
 from missions.errors import UserError
-from missions.mission import CameraSpec, RenderSpec
+from missions.mission import CameraSpec
+from missions.simulation import RenderSpec
 from sim_bridge.render import Renderer, benchmark, encode_jpeg, geometry, make_renderer
 from sim_bridge.render.egl import EglRenderer, EglUnavailableError
+from sim_bridge.render.light import make_light
 from sim_bridge.render.raycast import RaycastRenderer
 from sim_bridge.scenes.scene import Part, Scene
 
@@ -286,7 +288,7 @@ def test_without_egl_pictures_are_ray_cast_unless_egl_is_demanded(monkeypatch: p
 
     monkeypatch.setattr(moderngl, "create_context", refuse)
     with pytest.raises(EglUnavailableError, match="eglGetDisplay"):
-        EglRenderer(small_scene(), RenderSpec(), NOISELESS, 1)
+        EglRenderer(small_scene(), make_light(RenderSpec(), 1), NOISELESS, 1)
     assert isinstance(make_renderer(small_scene(), RenderSpec(), NOISELESS, 1), RaycastRenderer)
     with pytest.raises(UserError, match=r"render\.backend"):
         make_renderer(small_scene(), RenderSpec(backend="egl"), NOISELESS, 1)

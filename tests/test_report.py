@@ -15,6 +15,8 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from ground_station import stages
+from ground_station.bench import reconstruct_growth
+from ground_station.reconstruction import reconstruct_run
 from ground_station.report import tiles, time_charts
 from ground_station.report.activity import spans
 from ground_station.report.measure import measure
@@ -61,9 +63,11 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     t = np.arange(0, 10, 0.1)
     arrays = {f"uav{k}_{name}": value for k in (1, 2) for name, value in
               (("t_s", t), ("position_enu_m", np.stack([t, k + (0.5 * t) ** k, t], 1)), ("battery_percent", 100 - t),
-               ("mode", np.where(t < 2, "standby", np.where(t < 8 + k, "mission", "return"))))}
+               ("mode", np.where(t < 2, "standby" if k == 1 else "swap", np.where(t < 8 + k, "mission", "return"))))}
     np.savez(run.trajectories, **arrays)
     run.flight.write_text(json.dumps({
+        "site": {"object_min_enu_m": MISSION.site.object_min_enu_m, "ground_up_m": MISSION.site.ground_up_m,
+                 "object_max_enu_m": MISSION.site.object_max_enu_m},
         "mission_hash": "cafe", "phases": {"survey": {"start_s": 0, "end_s": 10, "wall_s": 2.5}},
         "fleet": {"makespan_s": 10.0, "path_m": {"1": 9.0, "2": 8.0}, "battery_end_percent": {"1": 90.0, "2": 91.0},
                   "views_flown": 9, "views_reassigned": 1, "views_unreachable": 0},
@@ -99,9 +103,13 @@ def test_metrics_have_every_number(done: RunFolder) -> None:
     assert (m["min_clearance_m"], m["min_separation_m"]) == (1.4, 3.3)
     assert m["coverage"] == {"final": 0.8, "ceiling": 0.9, "auc": 0.5, "per_view": [0.3, 0.8]}
     assert m["c2c"]["completeness"]["0.10"] > 0.97
+    assert m["reachable"]["share"] == 1.0
+    assert m["reachable"]["completeness"] == m["reachable"]["relative"] == m["c2c"]["completeness"]["0.25"]
     assert m["c2m"]["mean_m"] < 0.01
     assert m["c2m"]["within_2cm"] > 0.97
     assert m["fleet"]["path_m"] == {"1": 9.0, "2": 8.0}
+    assert m["service"] == {"swaps": 1, "service_s": 2.0, "vehicles": {
+        "1": {"swaps": 0, "service_s": 0.0}, "2": {"swaps": 1, "service_s": 2.0}}}
     assert m["energy"]["1"] == pytest.approx({"plans": 1, "predicted_percent": 6.3, "used_percent": 6.0, "error": 0.05})
     assert set(m["energy"]) == {"1", "2"}
     assert set(m["timing_s"]) == {"survey", "reconstruct", "evaluate", "report"}
@@ -113,6 +121,31 @@ def test_depth_maps_go_and_cloud_and_mesh_stay(done: RunFolder) -> None:
     assert not (done.root / "depth").exists()
     assert done.cloud.stat().st_size > 100_000
     assert len(trimesh.load_mesh(done.mesh).faces) > 1000
+    assert {path.name for path in done.model.iterdir()} == {"model.obj", "model.mtl", "model.png", "model.glb"}
+
+
+def test_what_was_made_from_the_same_is_kept(done: RunFolder, tmp_path: Path) -> None:
+    run = copied(done.root, tmp_path)
+    (run.model / "model.glb").unlink()
+    before = {path: path.stat().st_mtime_ns for path in (run.cloud, run.mesh)}
+    again = reconstruct_run(run)
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert set(again["stages"]) == {"align", "model"}, "only what was missing was made"
+    (run.model / "model.glb").unlink()
+    mission = load_mission(run.mission)
+    write_mission(replace(mission, reconstruct=replace(mission.reconstruct, min_confidence=4)), run.mission)
+    assert set(reconstruct_run(run)["stages"]) == {"align", "cloud", "mesh", "model"}
+
+
+def test_growth_is_measured_beside_the_run(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(path.name for path in flown.iterdir())
+    assert reconstruct_growth.main([str(flown), "--pictures", "6", "--depth-width-px", "320", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(r["pictures"], r["stage"]) for r in rows] == [(6, s) for s in ("align", "cloud", "mesh", "model", "all")]
+    assert all(r["peak MiB"] > 50 for r in rows)
+    assert sorted(path.name for path in flown.iterdir()) == before
+    with pytest.raises(UserError, match=r"--pictures 10: .* has 9 survey pictures"):
+        reconstruct_growth.main([str(flown), "--pictures", "10"])
 
 
 class Outside(HTMLParser):
@@ -133,7 +166,7 @@ def test_page_is_self_contained_and_complete(done: RunFolder) -> None:
     parser = Outside()
     parser.feed(text)
     assert parser.fetched == []
-    assert parser.images == 1 + 12 + 6
+    assert parser.images == 1 + 15 + 6
     assert len(text) < 15e6
     assert text.count("Plotly.newPlot(") == 8
     assert "Wall &amp; box" in text
@@ -160,7 +193,7 @@ def test_noisy_poses_are_aligned_and_judged_by_the_truth(done: RunFolder, tmp_pa
         q, p = quaternion_from_matrix(v.enu_from_camera @ turn), v.position_enu_m + 0.02 * rng.standard_normal(3)
         rows.append([v.view_id, v.vehicle_id, v.phase, v.t_capture_s, *p, *q, v.speed_m_s, v.path])
     write_views(run.views_csv, rows)
-    stages.reconstruct_run(run)
+    reconstruct_run(run)
     metrics = stages.evaluate_run(run)
     found = metrics["alignment"]
     assert found["registered"] == found["pictures"] == 9
@@ -198,7 +231,7 @@ def test_missing_parts_are_null_and_noted(done: RunFolder, tmp_path: Path, missi
 
 
 def test_without_a_box_the_cameras_enclose_the_region(done: RunFolder, tmp_path: Path) -> None:
-    run = copied(done.root, tmp_path, "truth")
+    run = copied(done.root, tmp_path, "truth", "flight.json")
     write_mission(Mission(title="No box", camera=MISSION.camera), run.mission)
     region = read_run(run).region()
     stands = np.array([v.position_enu_m for v in read_views(run.views_csv)])
@@ -261,14 +294,15 @@ def test_the_gantt_shows_every_moment_of_every_vehicle_once(done: RunFolder) -> 
     data = read_run(done)
     for track in data.tracks:
         found = spans(track, {"explore": {"end_s": 5.0}})
-        assert [s.activity for s in found] == ["on the ground", "exploring", "surveying", "returning"][:3 + (
+        first = "on the ground" if track.vehicle_id == 1 else "battery swap"
+        assert [s.activity for s in found] == [first, "exploring", "surveying", "returning"][:3 + (
             track.vehicle_id == 1)]
         assert [s.start_s for s in found] == pytest.approx([0.0, 2.0, 5.0, 9.0][: len(found)])
         assert [a.end_s for a in found] == [b.start_s for b in found[1:]] + [track.t_s[-1]]
     figure = time_charts.gantt(data)
     assert figure is not None
     assert {bar.name: sum(bar.x) * 60 for bar in figure.data} == pytest.approx(
-        {"on the ground": 4.0, "surveying": 14.9, "returning": 0.9})
+        {"on the ground": 2.0, "battery swap": 2.0, "surveying": 14.9, "returning": 0.9})
 
 
 def test_the_nearest_pair_is_that_of_all_pairs_of_which_one_flies() -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
 
 from missions.errors import UserError
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
+from missions.simulation import RenderSpec, SceneSpec
+from sim_bridge.kept_world import read_world, world_bytes
+from sim_bridge.render.light import make_light
 from sim_bridge.scenes import powerline
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.exposure import exposed_surface
@@ -20,6 +25,7 @@ from sim_bridge.scenes.surroundings import GROUND, PREFIX
 
 pytestmark = pytest.mark.xdist_group("scenes")
 
+LIGHT = make_light(RenderSpec(), 1)
 SIZES_M = {"building": (50.1, 5.5, 21.1), "bridge": (62.2, 9.9, 22.4), "statue": (43.6, 9.5, 51.1)}
 
 
@@ -72,6 +78,29 @@ def test_same_seed_same_scene(scenes: dict[str, Scene]) -> None:
         assert a.texture is not None
         assert b.texture is not None
         assert a.texture.tobytes() == b.texture.tobytes()
+
+
+@pytest.mark.parametrize("name", ["bridge", "powerline"])
+def test_a_scene_that_is_kept_is_read_as_it_was(scenes: dict[str, Scene], tmp_path: Path, name: str) -> None:
+    path, scene = tmp_path / "scene.npz", scenes[name]
+    path.write_bytes(world_bytes(scene, LIGHT))
+    kept = read_world(path)
+    assert kept is not None
+    again, light = kept
+    assert world_bytes(again, light) == world_bytes(scene, LIGHT)
+    for a, b in zip(scene.parts, again.parts, strict=True):
+        for one, other in ((a.vertices_enu_m, b.vertices_enu_m), (a.faces, b.faces), (a.uv, b.uv),
+                           (a.texture, b.texture)):
+            assert (one is None) == (other is None)
+            assert one is None or (one.dtype == other.dtype and np.array_equal(one, other))
+    assert len({id(p.texture) for p in again.parts}) == len({id(p.texture) for p in scene.parts})
+
+
+def test_half_a_scene_is_none(scenes: dict[str, Scene], tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    assert read_world(path) is None
+    path.write_bytes(world_bytes(scenes["powerline"], LIGHT)[:-1000])
+    assert read_world(path) is None
 
 
 def test_other_seed_other_picture_and_without_surroundings_only_ground(scenes: dict[str, Scene]) -> None:

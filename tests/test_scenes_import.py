@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from missions.errors import UserError
-from missions.mission import SceneSpec, SiteSpec
+from missions.mission import SiteSpec
+from missions.simulation import SceneSpec
 from sim_bridge.scenes.commands import main
 from sim_bridge.scenes.export import export_scene
 from sim_bridge.scenes.load import load_scene

@@ -25,9 +25,10 @@ from ground_station.tours import Flyer, Flying
 from missions.camera import Pose, View
 from missions.errors import UserError
 from missions.messages import PictureMeta, SiteBrief
-from missions.mission import BatterySpec, ExploreSpec, Mission, SceneSpec, SurveySpec
+from missions.mission import BatterySpec, ExploreSpec, Mission, SurveySpec
 from missions.mission_file import write_mission
 from missions.run_folder import VIEW_COLUMNS, RunFolder
+from missions.simulation import SceneSpec
 from planning.paths import NoPath
 from planning.paths.thesis_boxes import hit_triangles
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from missions.grid import FREE, OCCUPIED, VoxelGrid
@@ -51,6 +51,7 @@ def off_segments(p: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @given(seeds)
+@example(24000)  # a point 11 mm beside the straight that it is on, and passed too fast at first
 @settings(max_examples=200, deadline=None)
 def test_every_sample_keeps_every_limit_and_nothing_jumps(seed: int) -> None:
     flight, _, lim = flown(seed)

@@ -8,18 +8,22 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from missions import topics
 from missions.bus import Bus
 from missions.messages import Tick, VehicleState
 from missions.mission import without_scene
-from missions.mission_file import find_mission, load_mission
+from missions.mission_file import find_mission, load_mission, write_mission
 from missions.run_folder import RunFolder
 from sim_bridge.clock_server import ClockServer
 from tests.loopback import free_endpoint
 from tests.vehicle_world import SITE
 
+BRIDGE_MISSION = load_mission(find_mission("bridge"))
+MISSION = msgspec.structs.replace(
+    BRIDGE_MISSION, clock=msgspec.structs.replace(BRIDGE_MISSION.clock, world_wait_s=0.5))
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 
@@ -30,7 +34,9 @@ def endpoint() -> str:
 
 @pytest.fixture
 def vehicle(endpoint: str, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
-    command = [sys.executable, "-m", "vehicle", "bridge", "--id", "1", "--run", str(tmp_path), "--connect", endpoint,
+    write_mission(MISSION, tmp_path / "mission.toml")
+    command = [sys.executable, "-m", "vehicle", str(tmp_path / "mission.toml"), "--id", "1",
+               "--run", str(tmp_path), "--connect", endpoint,
                "--fleet", "test"]
     process = subprocess.Popen(command)
     yield process
@@ -40,8 +46,7 @@ def vehicle(endpoint: str, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 def serve(bus: Bus) -> ClockServer:
     """Admit the vehicle."""
-    mission = without_scene(load_mission(find_mission("bridge")))
-    server = ClockServer(bus, mission.clock, mission.mission_hash, SITE)
+    server = ClockServer(bus, MISSION.clock, without_scene(MISSION).mission_hash, SITE)
     bus.subscribe(topics.VEHICLE_STATE)
     server.admit({"uav1"}, 60.0)
     return server

@@ -50,7 +50,7 @@ def seen(pose: Pose, wire: Array | None, seed: int) -> Picture:
 def votes(points: Array, wire: Array | None, poses: list[Pose]) -> LineVotes:
     result = LineVotes(points, 25.0)
     for pose in poses:
-        result.add(seen(pose, wire, POSES.index(pose)), CAMERA, pose)
+        result.add(line_strength(seen(pose, wire, POSES.index(pose))), CAMERA, pose)
     return result
 
 
@@ -86,6 +86,7 @@ def test_a_leg_across_a_wire_is_not_flown(strung: bool) -> None:
     outside = lattice.flat((0, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
     for k, pose in enumerate(POSES):
         wires.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
+    wires.update()
     assert wires.clear_edges()[through] == (not strung)
     assert wires.clear_edges()[outside]
 
@@ -101,3 +102,30 @@ def test_a_leg_that_was_flown_is_open_both_ways() -> None:
     for edges in (explored.open_edges(), explored.known_free_edges()):
         assert edges[a, up]
         assert edges[b, down]
+
+
+def test_few_pictures_that_agree_on_a_wire_are_enough_and_one_that_shows_none_is_not() -> None:
+    wire, lattice = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]]), brief().lattice
+    through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
+    strung, free = Wires(brief()), Wires(brief())
+    looked = []
+    for k, pose in enumerate(POSES[:6:2]):
+        strung.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
+        free.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, None, k)))
+        strung.update()
+        free.update()
+        looked.append(bool(free.looked_at_edges()[through]))
+    assert not strung.clear_edges()[through]
+    assert free.clear_edges()[through]
+    assert looked == sorted(looked)
+    assert not looked[0]
+    assert looked[-1]
+
+
+def test_where_a_vehicle_stood_no_picture_needs_to_be_looked_at() -> None:
+    wires, lattice = Wires(brief()), brief().lattice
+    up = lattice.flat((2, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
+    assert not wires.looked_at_edges()[up]
+    for height in np.arange(0.0, 11.0, 0.5):
+        wires.was_at(np.array([*lattice.positions_enu_m[up[0]][:2], height]), 1.0)
+    assert wires.looked_at_edges()[up]

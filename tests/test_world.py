@@ -27,9 +27,10 @@ from missions.bus import Bus
 from missions.camera import Camera, Pose
 from missions.clock import BRIDGE, SECOND_NS, SimClock, Turn
 from missions.messages import RangeScan, SensorPicture, ShutterRequest, SiteBrief, VehicleState
-from missions.mission import CameraSpec, FleetSpec, Mission, ObstacleSpec, SceneSpec, SiteSpec, without_scene
+from missions.mission import CameraSpec, FleetSpec, Mission, SiteSpec, without_scene
 from missions.mission_file import write_mission
 from missions.sensors import RANGE_DIRECTIONS
+from missions.simulation import ObstacleSpec, SceneSpec
 from sim_bridge.__main__ import main, site_brief
 from sim_bridge.clock_server import ClockServer
 from sim_bridge.coverage import Coverage
@@ -38,6 +39,7 @@ from sim_bridge.range_sensor import RangeSensor
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.truth import Truth
 from sim_bridge.world import World
+from sim_bridge.world_journal import WorldJournal
 from tests.loopback import free_endpoint
 
 JOIN_S = 60.0
@@ -134,27 +136,27 @@ def until(tick: int) -> Callable[[Bus, Turn], bool]:
 
 
 @pytest.fixture
-def flight() -> tuple[World, Coverage, dict[str, Heard]]:
+def flight(tmp_path: Path) -> tuple[World, dict[str, Heard]]:
     """2.5 s of two hovering photographers before the box, in the same process."""
     endpoint, mission = free_endpoint(), Mission(title="test", fleet=FleetSpec(vehicles=2), obstacles=[BEAM])
     heard = {name: Heard() for name in ("ground", "uav1", "uav2")}
-    points = np.array([[0.0, -2.0, 5.0], [0.0, 2.0, 5.0], [1.0, -2.0, 6.0], [1.5, -2.0, 4.0]])
-    coverage = Coverage(truth(), points, 25.0)
     with Bus(BRIDGE, "default", listen=endpoint) as bus:
         clock = ClockServer(bus, mission.clock, without_scene(mission).mission_hash, SITE)
-        world = World(bus, clock, mission, truth(), GreyRenderer(), coverage)
+        world = World(bus, clock, mission, truth(), GreyRenderer())
+        journal = WorldJournal(tmp_path / "world.bin", "", bus.boot)
         threads = [participant("ground", endpoint, mission, heard["ground"], until(25)),
                    participant("uav1", endpoint, mission, heard["uav1"], photographer(1, (0.0, -7.0, 5.0))),
                    participant("uav2", endpoint, mission, heard["uav2"], photographer(2, (4.0, -7.0, 5.0)))]
         clock.admit(set(heard), JOIN_S)
-        world.run()
+        world.run(journal)
+        journal.close()
     for thread in threads:
         thread.join(JOIN_S)
-    return world, coverage, heard
+    return world, heard
 
 
-def test_every_shutter_gets_its_picture(flight: tuple[World, Coverage, dict[str, Heard]]) -> None:
-    world, _, heard = flight
+def test_every_shutter_gets_its_picture(flight: tuple[World, dict[str, Heard]]) -> None:
+    world, heard = flight
     for vehicle_id in (1, 2):
         pictures = heard[f"uav{vehicle_id}"].pictures
         assert [p.meta.view_id for p in pictures] == [100 * vehicle_id + k for k in range(6)]
@@ -182,22 +184,26 @@ def test_pictures_carry_measured_poses_and_the_truth_stays_behind() -> None:
     assert np.std(turned, axis=0) == pytest.approx([0.3] * 3, rel=0.06)
 
 
-def test_pictures_show_the_boxes_of_their_moment(flight: tuple[World, Coverage, dict[str, Heard]]) -> None:
-    pictures = flight[2]["uav1"].pictures
+def test_pictures_show_the_boxes_of_their_moment(flight: tuple[World, dict[str, Heard]]) -> None:
+    pictures = flight[1]["uav1"].pictures
     means = [cv2.imdecode(np.frombuffer(p.jpeg, np.uint8), cv2.IMREAD_COLOR).mean() for p in pictures]
     assert means == pytest.approx([50, 50, 150, 150, 50, 50], abs=2)
 
 
-def test_coverage_and_referee_watched(flight: tuple[World, Coverage, dict[str, Heard]]) -> None:
-    world, coverage, _ = flight
+def test_coverage_and_referee_watched(flight: tuple[World, dict[str, Heard]]) -> None:
+    world, _ = flight
+    points = np.array([[0.0, -2.0, 5.0], [0.0, 2.0, 5.0], [1.0, -2.0, 6.0], [1.5, -2.0, 4.0]])
+    coverage = Coverage(truth(), points, 25.0)
+    for picture in world.true_pictures:
+        coverage.add(picture)
     assert coverage.per_view[-1] == 0.75
     assert coverage.view_ids == [k + 100 * v for k in range(6) for v in (1, 2)]
     assert world.referee.min_separation_m == pytest.approx(4.0)
     assert world.referee.collision_events == []
 
 
-def test_ranges_come_at_ten_hertz(flight: tuple[World, Coverage, dict[str, Heard]]) -> None:
-    scans = flight[2]["uav1"].scans
+def test_ranges_come_at_ten_hertz(flight: tuple[World, dict[str, Heard]]) -> None:
+    scans = flight[1]["uav1"].scans
     assert [s.t_ns for s in scans] == [k * SECOND_NS // 10 for k in range(1, 26)]
     ahead = int(np.argmax(RANGE_DIRECTIONS @ [0.0, 1.0, 0.0]))
     during = [s.ranges_m[ahead] for s in scans if SECOND_NS <= s.t_ns < 2 * SECOND_NS]
@@ -208,8 +214,8 @@ def test_ranges_come_at_ten_hertz(flight: tuple[World, Coverage, dict[str, Heard
 
 
 def test_everybody_hears_the_stop_after_the_ground_station_left(
-        flight: tuple[World, Coverage, dict[str, Heard]]) -> None:
-    heard = flight[2]
+        flight: tuple[World, dict[str, Heard]]) -> None:
+    heard = flight[1]
     assert heard["ground"].ticks[-1] == 25
     assert heard["uav1"].stopped
     assert heard["uav2"].stopped

@@ -27,6 +27,7 @@ from missions.mavlink import (
     plan_sha256,
 )
 from missions.messages import (
+    FenceVerdict,
     LegReport,
     MavlinkFrames,
     PictureAck,
@@ -41,7 +42,7 @@ from missions.messages import (
     VehicleState,
 )
 from missions.mission import Mission
-from missions.pads import geofence
+from missions.pads import fence_limit
 from missions.sensors import RANGE_DIRECTIONS
 from vehicle.vehicle import Vehicle
 
@@ -68,8 +69,8 @@ def box_distance(points: Array, box: Box) -> Array:
 
 
 def open_map(mission: Mission, solid: Iterable[Box] = ()) -> VoxelGrid:
-    """Everything inside the fence is free, but for these boxes."""
-    grid = VoxelGrid.unknown(*geofence(mission, SITE), mission.explore.voxel_m)
+    """Everything that maps cover is free, but for these boxes."""
+    grid = VoxelGrid.unknown(*fence_limit(mission, SITE), mission.explore.voxel_m)
     grid.state[:] = FREE
     centers = grid.centers(np.stack(np.indices(grid.state.shape), axis=-1))
     for lower, upper in solid:
@@ -102,6 +103,7 @@ class World:
         self.site = mission.site.anchor
         self.states: dict[int, list[VehicleState]] = {k: [] for k in self.vehicles}
         self.verdicts: list[PlanVerdict] = []
+        self.fence_verdicts: list[FenceVerdict] = []
         self.reports: list[LegReport] = []
         self.shutters: list[ShutterRequest] = []
         self.chunks: list[PictureChunk] = []
@@ -181,6 +183,8 @@ class World:
             self._ground_mavlink(k, message)
         elif isinstance(message, PlanVerdict):
             self.verdicts.append(message)
+        elif isinstance(message, FenceVerdict):
+            self.fence_verdicts.append(message)
         elif isinstance(message, LegReport):
             self.reports.append(message)
         elif isinstance(message, PictureChunk):
