@@ -27,6 +27,7 @@ lint: $(SETUP)
 	$(BIN)/lint-imports
 
 unit: compile
+	@bash .ci/browser
 	$(BIN)/pytest -n $(or $(TEST_WORKERS),auto) --dist loadgroup
 
 doctor: $(SETUP)
