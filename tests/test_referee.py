@@ -22,7 +22,7 @@ from sim_bridge.world import resting
 
 HALF = np.array([2.0, 3.0, 4.0])
 CENTER = np.array([0.0, 0.0, 10.0])
-GROUND = trimesh.creation.box(extents=(400.0, 400.0, 1.0)).apply_translation((0.0, 0.0, -0.5))
+GROUND = trimesh.creation.box(extents=(400.0, 400.0, 200.0)).apply_translation((0.0, 0.0, -100.0))
 BOX = trimesh.creation.box(extents=2 * HALF).apply_translation(CENTER)
 SCENE = trimesh.util.concatenate([BOX, GROUND])
 FAR_PAD = (100.0, 100.0, 0.2)
