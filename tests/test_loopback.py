@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,8 @@ from missions.messages import Status
 from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
 from missions.tlog import read_tlog
-from vehicle.plan_check import LOST_TEAMMATE
+from tests.killed_vehicle import KILL_AT_S
+from vehicle.teammates import LOST_TEAMMATE
 
 HERE = Path(__file__).parent
 MISSION = HERE / "missions" / "house.toml"
@@ -50,14 +52,17 @@ def small_mission(tmp_path: Path, settings: list[str]) -> list[str]:
 
 
 def fly(tmp_path: Path, settings: list[str], watch: Callable[[processes.Flight, Status], None] | None = None,
-        environment: dict[str, str] | None = None) -> tuple[RunFolder, list[str]]:
-    """Fly the small mission; `watch` sees every status and may interfere."""
+        environment: dict[str, str] | None = None,
+        modules: dict[str, str] | None = None) -> tuple[RunFolder, list[str]]:
+    """Fly the small mission; `watch` sees every status and may interfere. modules: other modules for these
+    processes."""
     options = launcher._parse(small_mission(tmp_path, settings))
     mission, run = prepare(options)
     endpoint = processes.free_endpoint()
     run.endpoint.write_text(endpoint, encoding="ascii")
-    flight = processes.Flight(processes.process_table(mission, run, endpoint, "test", quiet=True), run,
-                             keep=environment or {})
+    table = [replace(p, module=(modules or {}).get(p.name, p.module))
+             for p in processes.process_table(mission, run, endpoint, "test", quiet=True)]
+    flight = processes.Flight(table, run, keep=environment or {})
     over = threading.Event()
     watcher = threading.Thread(target=_observe, args=(endpoint, flight, watch, over)) if watch else None
     try:
@@ -193,26 +198,20 @@ def test_the_ground_station_never_opens_the_scene(flown: tuple[RunFolder, list[s
             ("sim_bridge", "vehicle")] == []
 
 
-def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path) -> None:
-    killed: list[float] = []
-
-    def kill_first(flight: processes.Flight, status: Status) -> None:
-        surveyed = next(v for v in status.vehicles if v.vehicle_id == 1)
-        if not killed and status.phase == "survey" and surveyed.views_left and surveyed.mode == "flying":
-            killed.append(status.t_ns / 1e9)
-            os.kill(flight.running["uav1"].pid, signal.SIGKILL)
-
-    run, complaints = fly(tmp_path, ["explore.max_views=6", "clock.speed=8.0", "fleet.restarts=0"], watch=kill_first)
-    assert killed
+@pytest.mark.parametrize("kill_at_s", [31.8, 37.2], ids=["beside_its_views", "away_from_them"])
+def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path, kill_at_s: float) -> None:
+    run, complaints = fly(tmp_path, ["explore.max_views=6", "fleet.restarts=0"],
+                          environment={KILL_AT_S: str(kill_at_s)}, modules={"uav1": "tests.killed_vehicle"})
     assert len(complaints) == 1
     assert complaints[0].startswith("uav1 ended with code -9")
     record = flight_of(run)
+    assert record["phases"]["survey"]["start_s"] < kill_at_s
     assert json.loads(run.referee.read_text())["collisions"] == 0
     assert {(r["from"], r["to"]) for r in record["reassignments"]} == {(1, 2)}
-    # killed wherever the machine's speed has it, the dead vehicle may hover where views of its own were to be taken
+    # the dead vehicle may hover where views of its own were to be taken
     kept_away = {int(v) for v, outcome in record["outcomes"].items() if outcome != "flown"}
-    because = (LOST_TEAMMATE, "blocked (a teammate rests there)")
-    assert {v: why for v in kept_away if not (why := record["outcome_details"][str(v)]).endswith(because)} == {}
+    reasons = {v: record["outcome_details"][str(v)] for v in kept_away}
+    assert {v: why for v, why in reasons.items() if not why.endswith(LOST_TEAMMATE)} == {}
     handed_over = {r["view_id"] for r in record["reassignments"]} - kept_away
     assert handed_over
     assert handed_over <= set(record["tours"]["2"])

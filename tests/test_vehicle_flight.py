@@ -14,6 +14,7 @@ from missions.messages import PictureAck
 from missions.mission import Mission
 from missions.pads import takeoff_points
 from tests.vehicle_world import NS, SITE, TICK_NS, World, box_distance, open_map, route
+from vehicle.teammates import LOST_TEAMMATE
 
 BOX = ((-10.0, -2.0, 0.0), (10.0, 2.0, 10.0))
 
@@ -143,6 +144,43 @@ def separation(world: World) -> float:
     tracks = [{s.t_ns: np.array(s.position_enu_m) for s in states if s.flying} for states in world.states.values()]
     gaps = [np.linalg.norm(a[t] - b[t]) for n, a in enumerate(tracks) for b in tracks[:n] for t in a.keys() & b.keys()]
     return float(min(gaps))
+
+
+@pytest.mark.parametrize("beside_m", [2.4, 2.55, 2.65, 2.79, 3.0])
+def test_beside_a_dead_teammate_a_place_is_refused_or_flown_to(tmp_path: Path, beside_m: float) -> None:
+    world = World(mission(vehicles=2), tmp_path)
+    world.share_map(open_map(world.mission))
+    world.upload(route([(-4, -10, 5)], plan_id=1), 1)
+    assert world.run(60, lambda: world.views() == [100])
+    del world.vehicles[1]
+    world.upload(route([(-4 + beside_m, -10, 5), (-4, -10 + beside_m, 5), (-9, -10, 5)], plan_id=2, first_view=200,
+                       home_after=True), 2)
+    assert world.run(2, lambda: world.verdicts[-1].plan_id == 2)
+    if not world.verdicts[-1].accepted:
+        assert beside_m < world.mission.fleet.separation_m
+        assert world.verdicts[-1].reason.endswith(LOST_TEAMMATE)
+        return
+    assert world.run(90, lambda: flown(world))
+    given_back = [r.view_id for r in world.reports if r.detail.endswith(LOST_TEAMMATE)]
+    assert given_back == [] or beside_m < world.mission.fleet.separation_m + 0.1
+    assert sorted([*given_back, *world.views()]) == [100, 200, 201, 202]
+    apart = np.linalg.norm(world.path(2) - world.path(1)[-1], axis=1)
+    assert apart.min() >= world.mission.fleet.separation_m
+
+
+def test_a_view_behind_a_dead_teammate_is_given_back_with_its_name(tmp_path: Path) -> None:
+    walls = [((-11.0, 7.0, 0.0), (6.0, 8.0, 8.0)), ((-11.0, 12.0, 0.0), (6.0, 13.0, 8.0)),
+             ((-11.0, 7.0, 0.0), (-10.0, 13.0, 8.0)), ((-11.0, 7.0, 7.0), (6.0, 13.0, 8.0))]
+    world = World(mission(vehicles=2), tmp_path, obstacles=walls)
+    world.share_map(open_map(world.mission, walls))
+    world.upload(route([(-2, 10, 3.5)], plan_id=1), 1)
+    assert world.run(60, lambda: world.views() == [100])
+    del world.vehicles[1]
+    world.upload(route([(-7, 10, 3.5), (9, 10, 3.5)], plan_id=2, first_view=200, home_after=True), 2)
+    assert world.run(120, lambda: world.t_ns > 30 * NS and world.landed())
+    assert world.views() == [100, 201]
+    assert [(r.view_id, r.outcome) for r in world.reports] == [(200, "blocked")]
+    assert world.reports[0].detail.endswith(LOST_TEAMMATE)
 
 
 def test_at_the_threshold_remaining_views_are_given_back(tmp_path: Path) -> None:

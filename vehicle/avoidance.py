@@ -111,9 +111,13 @@ class Avoidance:
 
     def conflicts(self, flight: Flight, way_enu_m: Array, now_ns: int, start_ns: int | None = None) -> list[Conflict]:
         """Teammates that keep a flight along a way (k, 3) from being launched (now, when no start is given): apart even
-        when either has to stop, and never past where another one will rest, so that there is always a way back."""
+        when either has to stop, and never past where another one will rest, so that there is always a way back.
+
+        The dead are solid already: asked to be farther off here, a place that is clear would be waited for in vain.
+        """
         start_ns = now_ns if start_ns is None else start_ns
-        return self.teammates.conflicts(flight, start_ns, now_ns, self.separation_m, REACTION_S, way_enu_m)
+        return self.teammates.conflicts(flight, start_ns, now_ns, self.separation_m, REACTION_S, way_enu_m,
+                                        dead_m=self._fleet.separation_m)
 
     def conflicts_in_flight(self, flight: Flight, start_ns: int, now_ns: int) -> list[Conflict]:
         """Teammates that the rest of a flight under way comes too near to."""
@@ -151,6 +155,16 @@ class Avoidance:
                 if e.reason == "outside":
                     break
         raise failure
+
+    def shut_by_dead(self, start_enu_m: Array, goal_enu_m: Array) -> bool:
+        """Whether there would be a way but for teammates that will not move any more."""
+        if not len(self.teammates.dead()):
+            return False
+        try:
+            self._way_in(self._solid(start_enu_m, goal_enu_m, REPLAN_REACH_M[-1]), start_enu_m, goal_enu_m)
+        except NoPath:
+            return False
+        return True
 
     def taken(self, place_enu_m: Array, t_ns: int) -> bool:
         """Whether a teammate rests so near to a place that nobody else can rest there."""
@@ -228,12 +242,14 @@ class Avoidance:
 
     def _space(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
         """What is solid around a and b. A dead teammate is: it will not move any more."""
-        field: ObstacleField = self.memory.field(a_enu_m, b_enu_m, margin_m)
-        if self._fence is not None:
-            field = FencedField(field, self._fence, self._fleet.clearance_m)
+        field = self._solid(a_enu_m, b_enu_m, margin_m)
         dead = self.teammates.dead()
         radius = max(0.0, self._fleet.separation_m + IN_FLIGHT_SPARE_M - self._fleet.clearance_m)
         return field.with_spheres(dead, radius) if len(dead) else field
+
+    def _solid(self, a_enu_m: Array, b_enu_m: Array, margin_m: float) -> ObstacleField:
+        field: ObstacleField = self.memory.field(a_enu_m, b_enu_m, margin_m)
+        return field if self._fence is None else FencedField(field, self._fence, self._fleet.clearance_m)
 
     def _field(self, start: Array, goal: Array, reach_m: float, teammates: Array) -> ObstacleField:
         field = self._space(start, goal, reach_m)

@@ -16,6 +16,7 @@ from vehicle.body import Body
 from vehicle.give_way import RETRY_NS, GiveWay
 from vehicle.helm import Helm
 from vehicle.simulator import NS
+from vehicle.teammates import LOST_TEAMMATE
 
 AROUND_AGAIN_NS = 8 * NS
 """Ways around resting teammates are looked for at once, then after this long, twice as long, and so on."""
@@ -127,7 +128,8 @@ class Pilot:
         except NoPath as e:
             helm.detour = helm.trail.back_to(lambda place: self.avoidance.clear(place, via.position))
             if not helm.detour:
-                return self._no_way(t_ns, f"no way there: {e}")
+                shut = self.avoidance.shut_by_dead(here, via.position)
+                return self._no_way(t_ns, f"no way there past {LOST_TEAMMATE}" if shut else f"no way there: {e}")
         else:
             helm.careful = True
             if self._launch_detour(path, via, t_ns):

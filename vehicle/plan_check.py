@@ -12,10 +12,8 @@ from planning.trajectories.energy import stops_percent
 from vehicle.avoidance import Avoidance
 from vehicle.battery import Battery
 from vehicle.geofence import FENCE_TOLERANCE_M, Geofence
+from vehicle.teammates import LOST_TEAMMATE
 from vehicle.way_home import WayHome
-
-LOST_TEAMMATE = "a teammate that was lost there"
-"""It hovers on, dead, or nobody knows what it does; nobody goes near."""
 
 
 def refusal(route: Route, position_enu_m: Array, fence: Geofence, fleet: FleetSpec, spec: BatterySpec,

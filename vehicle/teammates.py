@@ -18,6 +18,8 @@ from vehicle.simulator import NS
 
 STEP_NS = 200_000_000
 NO_WAY = np.zeros((0, 3))
+LOST_TEAMMATE = "a teammate that was lost there"
+"""It hovers on, dead, or nobody knows what it does; nobody goes near."""
 
 
 class Rank(NamedTuple):
@@ -130,8 +132,8 @@ class Teammates:
         return _stacked([m.positions_at(np.array([t_ns]))[0] for m in self._known()])
 
     def resting(self, t_ns: int) -> Array:
-        """(m, 3) of those that do not move."""
-        return _stacked([m.positions_at(np.array([t_ns]))[0] for m in self._known() if m.end_ns() <= t_ns])
+        """(m, 3) of those that do not move now; not of the dead."""
+        return _stacked([m.positions_at(np.array([t_ns]))[0] for m in self._known() if m.alive and m.end_ns() <= t_ns])
 
     def dead(self) -> Array:
         """(m, 3) of those that will not move any more."""
@@ -156,11 +158,13 @@ class Teammates:
         return (other, vehicle_id) < (rank, self.own_id)
 
     def conflicts(self, flight: Flight, start_ns: int, now_ns: int, separation_m: float,
-                  reaction_s: float | None = None, way_enu_m: Array | None = None) -> list[Conflict]:
+                  reaction_s: float | None = None, way_enu_m: Array | None = None,
+                  dead_m: float | None = None) -> list[Conflict]:
         """With whom this flight, and resting at its end, comes nearer than separation_m from now on.
 
         reaction_s: even when either stops, and the other one begins to stop so much later. way_enu_m: (k, 3) the way
-        back of this flight: not even before others rest may it pass where they will rest.
+        back of this flight: not even before others rest may it pass where they will rest. dead_m: the separation from
+        the dead, where it is another one.
         """
         own_stop_s, found = stopping_s(flight), []
         mine = flight.curve.sample(STEP_NS / NS, max(0.0, (now_ns - start_ns) / NS))[1]
@@ -168,7 +172,8 @@ class Teammates:
         for mate in self._near(mine.min(axis=0) - separation_m, mine.max(axis=0) + separation_m):
             theirs = mate.ahead(now_ns)
             slack_s = 0.0 if reaction_s is None else max(own_stop_s, mate.stopping_s) + reaction_s
-            at, rests = meeting(mine, theirs, math.ceil(slack_s * NS / STEP_NS), separation_m, way)
+            apart_m = separation_m if mate.alive or dead_m is None else dead_m
+            at, rests = meeting(mine, theirs, math.ceil(slack_s * NS / STEP_NS), apart_m, way)
             if at != NEVER:
                 found.append(Conflict(mate.vehicle_id, at * STEP_NS / NS, rests))
         return found

@@ -1,0 +1,31 @@
+"""A vehicle process that is killed in the midst of its mission at a simulated time, the same on machines of any speed:
+`KILL_AT_S=31.8 python -m tests.killed_vehicle MISSION.toml ...`, with the arguments of `python -m vehicle`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+from missions.bus import Delivery
+from missions.clock import SECOND_NS
+from vehicle.__main__ import main
+from vehicle.modes import MISSION
+from vehicle.vehicle import Outgoing, Vehicle
+
+KILL_AT_S = "KILL_AT_S"
+
+
+class KilledVehicle(Vehicle):
+    """Does not live to answer the tick at which it flies its plan and its time has come."""
+
+    def step(self, t_ns: int, deliveries: list[Delivery], participants: frozenset[str]) -> list[Outgoing]:
+        """As a vehicle, while it lives."""
+        if t_ns >= float(os.environ[KILL_AT_S]) * SECOND_NS and self.executor.mode == MISSION:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(t_ns, deliveries, participants)
+
+
+if __name__ == "__main__":
+    sys.modules[main.__module__].Vehicle = KilledVehicle  # type: ignore[attr-defined]
+    sys.exit(main())
