@@ -22,15 +22,16 @@ from perception.reconstruct.aligned_poses import AlignedPose, Alignment, read_al
 from perception.reconstruct.bundle import Accuracy, Adjusted, adjust, carried_by
 from perception.reconstruct.control_points import ControlPoint
 from perception.reconstruct.features import Features, features
-from perception.reconstruct.matching import MAX_EPIPOLAR_PX, Matches, match
+from perception.reconstruct.matching import MAX_EPIPOLAR_PX, MIN_MATCHES, Matches, match
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.pairs import overlapping
 from perception.reconstruct.pictures import SurveyPicture, picture_key, require_enough
 from perception.reconstruct.resources import single_threaded_libraries
 from perception.reconstruct.settings import Progress
+from perception.reconstruct.ties import tied
 from perception.reconstruct.witnesses import features_of, of_the_first, witnesses
 
-METHOD = 4
+METHOD = 5
 """Raised whenever the poses change for the same input, so that stored ones are not taken for new ones."""
 PARTNERS = 20
 LONELY = 60
@@ -39,6 +40,10 @@ FEW_MATCHES = 150
 """A picture with fewer is tried with all that overlap it, not with its best partners alone."""
 BAND_SIGMAS = 4.5
 MIN_BAND_PX = 6.0
+NARROW_PX = 10.0
+"""The band of a second look, once poses are adjusted, in a picture 1920 pixels wide."""
+LEAST_NARROW = 20
+"""Matches of a pair then: fewer agree by chance so near to the line."""
 UNKNOWN_LENS_PX, UNKNOWN_LENS_EPIPOLAR_PX = 60.0, 12.0
 """A lens that nobody has measured puts points as far from where a pinhole would, in a picture 1920 pixels wide: at
 most, and where most of them are."""
@@ -79,7 +84,7 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
         if calibrate:
             optics = _calibrated(pictures, seen, optics, accuracy, distance_m, band_px, pool, progress)
         matches = _matches(pictures, seen, optics, distance_m, band_px, MAX_EPIPOLAR_PX, pool, progress)
-        lonely = np.flatnonzero(_matched(matches, len(pictures)) < LONELY)
+        lonely = np.flatnonzero((_matched(matches, len(pictures)) < LONELY) | _apart(matches, len(pictures)))
         beside = witnesses([pictures[i] for i in lonely], list(explored), distance_m)
         everything = [*pictures, *(replace(w, camera=pictures[0].camera) for w in beside)]
         seen += list(pool.map(lambda w: features_of(w, pictures[0].camera), beside))
@@ -88,7 +93,10 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
         matches |= _match_pairs(more, everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
                                 lambda done, total: progress("match", done, total))
     progress("adjust", 0, 1)
-    adjusted = of_the_first(adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate,
+    found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate)
+    with single_threaded_libraries(), ThreadPoolExecutor(threads) as pool:
+        matches = _second_look(everything, seen, matches, found, distance_m, band_px, pool)
+    adjusted = of_the_first(adjust(everything, seen, matches, accuracy, 0.5 * band_px, found.optics, calibrate,
                                    list(control)), len(pictures))
     measured = pictures if adjusted.carried is None else carried_by(adjusted.carried, pictures)
     write_alignment(folder, key, pictures, _judged(measured, adjusted, accuracy), adjusted)
@@ -140,7 +148,8 @@ def _pairs(pictures: list[SurveyPicture], distance_m: float, count: int, which: 
 
 def _match_pairs(pairs: set[tuple[int, int]], taken: list[SurveyPicture], found: list[Features], optics: Optics,
                  band_px: float, epipolar_px: float, pool: ThreadPoolExecutor,
-                 tell: Callable[[int, int], None]) -> dict[tuple[int, int], Matches]:
+                 tell: Callable[[int, int], None],
+                 least: int = MIN_MATCHES) -> dict[tuple[int, int], Matches]:
     """In order of the pairs; those without matches are left out."""
     pictures = [replace(p, camera=optics.camera) for p in taken]
     seen = [replace(f, points_px=optics.ideal(f.points_px)) for f in found]
@@ -148,7 +157,7 @@ def _match_pairs(pairs: set[tuple[int, int]], taken: list[SurveyPicture], found:
 
     def one(pair: tuple[int, int]) -> Matches:
         i, j = pair
-        return match(pictures[i], pictures[j], seen[i], seen[j], band_px, epipolar_px)
+        return match(pictures[i], pictures[j], seen[i], seen[j], band_px, epipolar_px, least)
 
     ordered = sorted(pairs)
     for done, (pair, of_pair) in enumerate(zip(ordered, pool.map(one, ordered), strict=True), start=1):
@@ -164,6 +173,31 @@ def _matched(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[
     for pair, found in matches.items():
         total[list(pair)] += len(found)
     return total
+
+
+def _second_look(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
+                 found: Adjusted, distance_m: float, band_px: float,
+                 pool: ThreadPoolExecutor) -> dict[tuple[int, int], Matches]:
+    """Pictures that were adjusted together matched anew, nearer to the lines of their poses by now; the others tied to
+    the points of these."""
+    together = _groups(found, len(pictures)) == 0
+    now = [replace(p, enu_from_camera=found.enu_from_camera[i], position_enu_m=found.position_enu_m[i])
+           for i, p in enumerate(pictures)]
+    pairs = _pairs(now, distance_m, PARTNERS, np.flatnonzero(together).tolist())
+    pairs = {(i, j) for i, j in pairs if together[i] and together[j]}
+    others = {pair: of_pair for pair, of_pair in matches.items() if not together[list(pair)].all()}
+    narrow = min(band_px, NARROW_PX * found.optics.camera.width_px / 1920.0)
+    again = _match_pairs(pairs, now, seen, found.optics, narrow, MAX_EPIPOLAR_PX, pool, lambda done, total: None,
+                         LEAST_NARROW)
+    return tied(now, seen, others | again, found, together, band_px)
+
+
+def _apart(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[np.bool_]:
+    """(n,) which pictures no chain of matches joins with most others."""
+    first, second = np.array(sorted(matches), dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(pictures, pictures))
+    label = connected_components(graph, directed=False)[1]
+    return np.asarray(label != np.argmax(np.bincount(label)))
 
 
 def _judged(pictures: list[SurveyPicture], found: Adjusted, accuracy: Accuracy) -> list[AlignedPose]:

@@ -78,6 +78,8 @@ class Adjusted:
     """(o,)"""
     point_of: np.typing.NDArray[np.int64]
     """(o,)"""
+    feature_of: np.typing.NDArray[np.int64]
+    """(o,) which of the picture's features"""
     seen_px: Array
     """(o, 2)"""
     optics: Optics
@@ -260,7 +262,7 @@ def _result(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linke
     for i in linked:
         world_from_camera = model.image(i + 1).cam_from_world().inverse()
         rotation[i], position[i] = world_from_camera.rotation.matrix(), world_from_camera.translation
-    points, picture_of, point_of, seen = [], [], [], []
+    points, picture_of, point_of, feature_of, seen = [], [], [], [], []
     for _, point in sorted(model.points3D.items()):
         elements = [e for e in point.track.elements if e.image_id <= len(pictures)]
         if elements:
@@ -268,6 +270,8 @@ def _result(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linke
             for e in elements:
                 picture_of.append(e.image_id - 1)
                 point_of.append(len(points) - 1)
+                feature_of.append(e.point2D_idx)
                 seen.append(model.image(e.image_id).point2D(e.point2D_idx).xy)
     return Adjusted(rotation, position, np.array(points).reshape(-1, 3), np.array(picture_of, dtype=np.int64),
-                    np.array(point_of, dtype=np.int64), np.array(seen).reshape(-1, 2), optics)
+                    np.array(point_of, dtype=np.int64), np.array(feature_of, dtype=np.int64),
+                    np.array(seen).reshape(-1, 2), optics)

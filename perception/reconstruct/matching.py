@@ -27,12 +27,12 @@ SEED = 1
 
 
 def match(first: SurveyPicture, second: SurveyPicture, a: Features, b: Features, band_px: float,
-          epipolar_px: float = MAX_EPIPOLAR_PX) -> Matches:
+          epipolar_px: float = MAX_EPIPOLAR_PX, least: int = MIN_MATCHES) -> Matches:
     """Matches within band_px of the epipolar lines of the measured poses that one relative pose explains to
-    epipolar_px (five-point RANSAC in COLMAP, seeded); none when there are fewer than MIN_MATCHES of them. Features are
+    epipolar_px (five-point RANSAC in COLMAP, seeded); none when there are fewer than `least` of them. Features are
     where a pinhole would see them."""
     found = _nearest(a, b, fundamental(first, second), band_px)
-    if len(found) < MIN_MATCHES:
+    if len(found) < least:
         return found[:0]
     options = pycolmap.RANSACOptions(max_error=epipolar_px, min_num_trials=30, max_num_trials=1000,
                                      random_seed=SEED)
@@ -40,7 +40,7 @@ def match(first: SurveyPicture, second: SurveyPicture, a: Features, b: Features,
     fit = pycolmap.estimate_essential_matrix(a.points_px[found[:, 0]].astype(np.float64),
                                              b.points_px[found[:, 1]].astype(np.float64), camera, camera, options)
     kept = found[fit["inlier_mask"]] if fit else found[:0]
-    return kept if len(kept) >= MIN_MATCHES else kept[:0]
+    return kept if len(kept) >= least else kept[:0]
 
 
 def fundamental(first: SurveyPicture, second: SurveyPicture) -> Array:

@@ -53,4 +53,4 @@ def of_the_first(found: Adjusted, count: int) -> Adjusted:
     seen, point_of = np.unique(found.point_of[mine], return_inverse=True)
     return replace(found, enu_from_camera=found.enu_from_camera[:count], position_enu_m=found.position_enu_m[:count],
                    points_enu_m=found.points_enu_m[seen], picture_of=found.picture_of[mine], point_of=point_of,
-                   seen_px=found.seen_px[mine])
+                   feature_of=found.feature_of[mine], seen_px=found.seen_px[mine])
