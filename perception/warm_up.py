@@ -24,10 +24,12 @@ from perception.reconstruct.depth_map import merge_pairs
 from perception.reconstruct.features import Features
 from perception.reconstruct.fusion import PosedDepth, support
 from perception.reconstruct.matching import match, nearest_anywhere
+from perception.reconstruct.optics import Optics
 from perception.reconstruct.outliers import without_outliers
 from perception.reconstruct.pictures import SurveyPicture
 from perception.reconstruct.refinement import refined
 from perception.reconstruct.stereo import Eye, PairDepth
+from perception.reconstruct.ties import Known, ties
 from perception.wires.agreement import agree
 from perception.wires.lookup import gathered, rays_enu, sorted_lines
 from perception.wires.mutual import drawn_together
@@ -82,6 +84,9 @@ def _fuse(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32
                      for k, pose in enumerate(poses))
     match(first, second, seen, seen, 1.0)
     nearest_anywhere(seen, seen)
+    nobody, place = np.zeros(1, np.int64), np.array([[2.0, 2.0, 2.0]])
+    ties(first, seen, Known(nobody, nobody, nobody, place, second.position_enu_m[None] - place, np.ones(1),
+                            seen.descriptors), Optics(camera), 1.0)
 
 
 def _lines(poses: list[Pose]) -> None:

@@ -163,7 +163,8 @@ def align_all(run: RunFolder) -> list[SurveyPicture]:
     moved = [replace(p, position_enu_m=p.position_enu_m + np.array([0.01, -0.02, 0.02])) for p in PICTURES]
     point = np.array([[0.5, 0.25, 5.0]])
     rotations, positions = np.array([p.enu_from_camera for p in moved]), np.array([p.position_enu_m for p in moved])
-    found = Adjusted(rotations, positions, point, np.arange(3), np.zeros(3, np.int64), np.full((3, 2), 100.0),
+    found = Adjusted(rotations, positions, point, np.arange(3), np.zeros(3, np.int64), np.zeros(3, np.int64),
+                     np.full((3, 2), 100.0),
                      Optics(PICTURES[0].camera))
     poses = [AlignedPose.of(p, "aligned", 0, 1, 0.03, 0.0) for p in moved]
     write_alignment(run.alignment, "key", PICTURES, poses, found)

@@ -84,23 +84,16 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
         if calibrate:
             optics = _calibrated(pictures, seen, optics, accuracy, distance_m, band_px, pool, progress)
         matches = _matches(pictures, seen, optics, distance_m, band_px, MAX_EPIPOLAR_PX, pool, progress)
-        lonely = np.flatnonzero((_matched(matches, len(pictures)) < LONELY) | _apart(matches, len(pictures)))
-        beside = witnesses([pictures[i] for i in lonely], list(explored), distance_m)
-        everything = [*pictures, *(replace(w, camera=pictures[0].camera) for w in beside)]
-        seen += list(pool.map(lambda w: features_of(w, pictures[0].camera), beside))
-        new = [*lonely.tolist(), *range(len(pictures), len(everything))] if beside else []
-        more = _pairs(everything, distance_m, PARTNERS, new) - matches.keys()
-        matches |= _match_pairs(more, everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
-                                lambda done, total: progress("match", done, total))
-    progress("adjust", 0, 1)
-    found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate)
-    with single_threaded_libraries(), ThreadPoolExecutor(threads) as pool:
-        matches = _second_look(everything, seen, matches, found, distance_m, band_px, pool)
-    adjusted = of_the_first(adjust(everything, seen, matches, accuracy, 0.5 * band_px, found.optics, calibrate,
-                                   list(control)), len(pictures))
+        everything = _accompanied(pictures, list(explored), seen, matches, optics, distance_m, band_px, pool, progress)
+        progress("adjust", 0, 2)
+        first = adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate)
+        progress("adjust", 1, 2)
+        matches = _second_look(everything, seen, matches, first, distance_m, band_px, pool)
+        adjusted = of_the_first(adjust(everything, seen, matches, accuracy, 0.5 * band_px, first.optics, calibrate,
+                                       list(control)), len(pictures))
     measured = pictures if adjusted.carried is None else carried_by(adjusted.carried, pictures)
     write_alignment(folder, key, pictures, _judged(measured, adjusted, accuracy), adjusted)
-    progress("adjust", 1, 1)
+    progress("adjust", 2, 2)
     written = read_alignment(folder, pictures, key)
     assert written is not None
     return written
@@ -173,6 +166,23 @@ def _matched(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[
     for pair, found in matches.items():
         total[list(pair)] += len(found)
     return total
+
+
+def _accompanied(pictures: list[SurveyPicture], explored: list[SurveyPicture], seen: list[Features],
+                 matches: dict[tuple[int, int], Matches], optics: Optics, distance_m: float, band_px: float,
+                 pool: ThreadPoolExecutor, progress: Progress) -> list[SurveyPicture]:
+    """The pictures and, after them, exploration's beside those that have few matches or none with most others. What
+    these see, and their matches, are added to those given."""
+    lonely = np.flatnonzero((_matched(matches, len(pictures)) < LONELY) | _apart(matches, len(pictures)))
+    beside = witnesses([pictures[i] for i in lonely], explored, distance_m)
+    if not beside:
+        return pictures
+    everything = [*pictures, *(replace(w, camera=pictures[0].camera) for w in beside)]
+    seen += pool.map(lambda w: features_of(w, pictures[0].camera), beside)
+    new = _pairs(everything, distance_m, PARTNERS, [*lonely.tolist(), *range(len(pictures), len(everything))])
+    matches |= _match_pairs(new - matches.keys(), everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
+                            lambda done, total: progress("match", done, total))
+    return everything
 
 
 def _second_look(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],

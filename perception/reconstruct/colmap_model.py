@@ -49,4 +49,4 @@ def _no_points(pictures: list[SurveyPicture], optics: Optics) -> Adjusted:
     """The poses alone."""
     nobody = np.zeros(0, np.int64)
     return Adjusted(np.array([p.enu_from_camera for p in pictures]), np.array([p.position_enu_m for p in pictures]),
-                    np.zeros((0, 3)), nobody, nobody, np.zeros((0, 2)), optics)
+                    np.zeros((0, 3)), nobody, nobody, nobody, np.zeros((0, 2)), optics)

@@ -55,9 +55,9 @@ class Known:
         picture_of, feature_of, point_of = found.picture_of[rows], found.feature_of[rows], found.point_of[rows]
         away = found.position_enu_m[picture_of] - found.points_enu_m[point_of]
         distance_m = np.linalg.norm(away, axis=1)
-        descriptors = np.array([seen[i].descriptors[k] for i, k in zip(picture_of, feature_of, strict=True)])
+        descriptors = np.array([seen[i].descriptors[k] for i, k in zip(picture_of, feature_of, strict=True)], np.uint8)
         return cls(picture_of, feature_of, point_of, found.points_enu_m, away / distance_m[:, None], distance_m,
-                   descriptors)
+                   descriptors.reshape(-1, 128))
 
 
 def tied(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches], found: Adjusted,
@@ -137,11 +137,11 @@ def _nearest(at_px: NDArray[np.float32], wanted: NDArray[np.uint8], points_px: N
     distance of the two."""
     found, distance = np.full(len(at_px), -1, np.int64), np.zeros(len(at_px), np.int64)
     for i in range(len(at_px)):
-        best, second, chosen = 1 << 30, 1 << 30, -1
+        best, second, chosen = np.int64(1 << 30), np.int64(1 << 30), -1
         for j in range(len(points_px)):
             if (abs(points_px[j, 0] - at_px[i, 0]) > reach_px) or (abs(points_px[j, 1] - at_px[i, 1]) > reach_px):
                 continue
-            apart = 0
+            apart = np.int64(0)
             for k in range(wanted.shape[1]):
                 step = np.int64(wanted[i, k]) - np.int64(descriptors[j, k])
                 apart += step * step
@@ -157,7 +157,7 @@ def _nearest(at_px: NDArray[np.float32], wanted: NDArray[np.uint8], points_px: N
 def _by_picture(known: Known, feature_of_point: dict[int, int]) -> dict[int, Matches]:
     """The picture's features with those that the points were known by."""
     pairs: dict[int, list[tuple[int, int]]] = {}
-    for row in np.flatnonzero(np.isin(known.point_of, list(feature_of_point))):
+    for row in np.flatnonzero(np.isin(known.point_of, list(feature_of_point))).tolist():
         pairs.setdefault(int(known.picture_of[row]), []).append(
             (feature_of_point[int(known.point_of[row])], int(known.feature_of[row])))
     return {i: np.array(p, np.uint32) for i, p in pairs.items()}
