@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,16 +12,15 @@ from missions.frames import Array
 from missions.mavlink import Waypoint
 from missions.messages import SiteBrief, VehicleState
 from missions.mission import Mission
-from missions.pads import hover_points
+from missions.pads import hover_points, takeoff_points
 from planning.trajectories import Clear, Limits, leg_time_s
 from planning.trajectories.energy import energy_of
+from planning.trajectories.homing import DETOUR, VERTICAL_SPEED_M_S, landing_percent, waiting_percent
 
 EXPLORE_ENERGY_SHARE = 0.5
 """Share of the usable battery that exploration may take when a survey follows."""
 HANDLING_S = 0.25
 """From sending a plan to the start of its flight, and from the end of its flight to the last picture."""
-DETOUR = 1.3
-"""Ways home are taken to be this much longer than a straight line."""
 
 
 class EnergyBudget:
@@ -29,6 +30,10 @@ class EnergyBudget:
         self._battery, self._survey = mission.battery, mission.survey.enabled
         self._energy, self._limits = energy_of(mission), Limits.of_fleet(mission.fleet)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
+        vertical = replace(self._limits, speed_m_s=min(self._limits.speed_m_s, VERTICAL_SPEED_M_S))
+        self._at_home = [landing_percent(self._energy, np.array(pad) - hover, vertical)
+                         + waiting_percent(self._energy, mission.fleet.vehicles - 1)
+                         for pad, hover in zip(takeoff_points(mission, site), self._hover, strict=True)]
         self._tick_s = mission.clock.tick_s
         self._anchor = mission.site.anchor
 
@@ -39,6 +44,10 @@ class EnergyBudget:
         if exploring and self._survey:
             keep += (1.0 - EXPLORE_ENERGY_SHARE) * max(0.0, self._battery.start_of(vehicle_id) - keep)
         return level_percent - keep
+
+    def at_home_percent(self, vehicle_id: int) -> float:
+        """What a vehicle keeps for the time over its pad: waiting for the others, and landing."""
+        return self._at_home[vehicle_id - 1]
 
     def affordable(self, vehicle_id: int, from_enu_m: Array, goals_enu_m: Array, way_m: Array,
                    usable_percent: float) -> NDArray[np.bool_]:

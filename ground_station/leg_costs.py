@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from planning.allocate.flight_cost import Passing, leg_seconds
 from planning.paths.roadmap import Roadmap
 from planning.trajectories import Limits, leg_time_s
 from planning.trajectories.energy import energy_of
+from planning.trajectories.homing import DETOUR_SPEED_M_S, way_home_percent
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,9 @@ class LegCosts:
                  airspace: Airspace) -> None:
         self._roadmap, self._airspace = roadmap, airspace
         self._energy, self._limits = energy_of(mission), Limits.of_fleet(mission.fleet)
+        self._slow = replace(self._limits, speed_m_s=min(self._limits.speed_m_s, DETOUR_SPEED_M_S))
+        self._margin_percent = mission.battery.threshold_percent - mission.battery.reserve_percent
+        """What is given out ends at the threshold; vehicles refuse what would leave them less than the reserve."""
         self._first = len(roadmap.places_enu_m) - len(views)
         self._positions = roadmap.places_enu_m[self._first:]
         self._seconds = leg_seconds(roadmap, self._passing(views, shooting), self._limits, CORNER_PASS_M)
@@ -53,6 +57,13 @@ class LegCosts:
     def to_place(self, place_enu_m: Array) -> Cost:
         """(n,) from every view to a place."""
         return self._cost(place_enu_m - self._positions, *self._ways(place_enu_m))
+
+    def home(self, hover_enu_m: Array, at_home_percent: float) -> Cost:
+        """(n,) from every view to a vehicle's hover point: in energy as flown, or as much as the vehicle wants to see
+        kept back before it accepts a view, where that is more. at_home_percent: kept for waiting and landing."""
+        way = self.to_place(hover_enu_m)
+        kept = way_home_percent(self._energy, hover_enu_m - self._positions, self._slow) + at_home_percent
+        return Cost(way.seconds, np.maximum(way.percent, kept - self._margin_percent))
 
     def direct(self, from_enu_m: Array, to_enu_m: Array) -> Cost:
         """() from one place to another."""

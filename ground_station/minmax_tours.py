@@ -62,7 +62,7 @@ class MinmaxTours:
     def _problem(self, flyers: list[Flyer], chosen: list[int], refused_by: Mapping[int, Sequence[int]]) -> Problem:
         starts = [self._costs.from_place(f.position_enu_m) for f in flyers]
         leave = [self._costs.from_place(f.home_enu_m) for f in flyers]
-        back = [self._costs.to_place(f.home_enu_m) for f in flyers]
+        back = [self._costs.home(f.home_enu_m, f.at_home_percent) for f in flyers]
         straight = [self._costs.direct(f.position_enu_m, f.home_enu_m) for f in flyers]
         seconds, percent = (self._ways(currency, chosen, starts, leave, back, straight)
                             for currency in ("seconds", "percent"))

@@ -204,7 +204,8 @@ class SurveyPhase:
     def _flyer(self, drone: Drone) -> Flyer:
         place = drone.position_enu_m if drone.airborne else drone.hover_enu_m
         usable = self._control.usable_percent(drone, exploring=False) if drone.available else 0.0
-        return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, 0 if drone.dropped else drone.swaps_left)
+        return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, 0 if drone.dropped else drone.swaps_left,
+                     self._control.energy.at_home_percent(drone.vehicle_id))
 
 
 def _why_gone(drone: Drone) -> str:

@@ -12,13 +12,14 @@ from missions.frames import Array
 @dataclass(frozen=True)
 class Flyer:
     """A vehicle that can take views. usable_percent: of its present battery, the way home included. swaps: fresh
-    batteries that wait for it at its pad."""
+    batteries that wait for it at its pad. at_home_percent: what it keeps for waiting and landing there."""
 
     vehicle_id: int
     position_enu_m: Array
     home_enu_m: Array
     usable_percent: float
     swaps: int = 0
+    at_home_percent: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -6,44 +6,29 @@ import argparse
 import logging
 import sys
 import time
-from collections.abc import Sequence
 from contextlib import closing
-
-import msgspec
-import numpy as np
+from functools import partial
 
 from missions.bus import DEFAULT_ENDPOINT, Bus
 from missions.clock import BRIDGE, GROUND, SECOND_NS, vehicle_name
-from missions.disk import Disk
 from missions.errors import UserError
-from missions.lattice import view_positions
-from missions.messages import PictureMeta, SiteBrief
+from missions.messages import SiteBrief
 from missions.mission import Mission, without_scene
 from missions.mission_file import find_mission, load_mission
-from missions.pads import camera_bounds, takeoff_columns, takeoff_points
 from missions.process import process_parser, run_process, when_interrupted
-from missions.run_folder import RunFolder, write_views
+from missions.run_folder import RunFolder
 from missions.tlog import Tlog
 from sim_bridge.clock_server import PRESENCE_S, ClockServer
-from sim_bridge.coverage import Coverage
 from sim_bridge.doors import Doors
-from sim_bridge.kept_world import read_world, world_bytes
-from sim_bridge.render.light import Light, make_light
-from sim_bridge.render.renderer import make_renderer
-from sim_bridge.scenes.export import export_mesh
-from sim_bridge.scenes.load import load_scene
+from sim_bridge.kept_world import read_world
+from sim_bridge.render.light import Light
+from sim_bridge.render.renderer import LateRenderer, make_renderer
 from sim_bridge.scenes.scene import Scene
-from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
-from sim_bridge.verdict import COVERAGE_POINTS, reference_surface, write_reference, write_verdict
+from sim_bridge.truth import Truth
 from sim_bridge.world import World
 from sim_bridge.world_journal import WorldJournal
 
 log = logging.getLogger(__name__)
-
-EXPLORE = "explore"
-COLUMN_SAMPLE_M = 0.5
-ABOVE_GROUND_M = 0.75
-"""Columns are judged from here up; the ground itself, and grass, are no obstacle to a take-off."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -66,24 +51,21 @@ def serve(mission: Mission, folder: RunFolder, listen: str, fleet: str, join_tim
     with (Bus(BRIDGE, fleet, listen=listen) as bus,  # the others may connect while the scene loads
           closing(WorldJournal(folder.world_journal, known, bus.boot)) as journal):
         scene, light, site, truth = open_world(mission, folder, journal.begun)
-        with (closing(make_renderer(scene, mission.render, mission.camera, mission.seed, light)) as renderer,
+        make = partial(make_renderer, scene, mission.render, mission.camera, mission.seed, light)
+        with (closing(LateRenderer(make) if journal.begun else make()) as renderer,
               closing(_doors(mission, folder)) as doors):
             clock = ClockServer(bus, mission.clock, known, site)
             bus.boot = journal.boot
             world = World(bus, clock, mission, truth, renderer, doors if doors.doors else None, ground)
-            log.info("world %s ready in %.1f s: %d triangles, %s", scene.name, time.perf_counter() - begin,
-                     scene.triangles(), renderer.backend_name)
+            log.info("world %s ready in %.1f s: %d triangles", scene.name, time.perf_counter() - begin,
+                     scene.triangles())
             # Signals end the flight, but never the writing of what is true.
             with when_interrupted(lambda *_: clock.interrupt()):
                 everybody = {vehicle_name(k) for k in range(1, mission.fleet.vehicles + 1)}
                 begin_clock(clock, world, journal, everybody | {GROUND} if ground else everybody, join_timeout_s)
                 world.run(journal)
-                coverage = judge_coverage(mission, scene, site, truth, world.true_pictures)
-                write_verdict(folder, {**world.referee.summary(), "coverage": coverage.summary(),
-                                       "pictures": len(world.true_pictures), "renderer": renderer.backend_name,
-                                       "notes": scene.notes, "site": msgspec.to_builtins(site)})
-                write_views(folder.truth_views, [folder.view_row(m) for m in world.true_pictures])
-                folder.world_kept.unlink(missing_ok=True)
+                from sim_bridge.verdict import leave_verdict  # not before somebody asks: it imports much
+                leave_verdict(mission, folder, scene, site, truth, world, renderer.backend_name)
     folder.write_process_record(BRIDGE, messages_sent=bus.sent, frames=len(world.true_pictures), ticks=world.ticks,
                                 render_s=round(world.render_s, 3), wall_s=round(time.perf_counter() - begin, 3))
 
@@ -92,16 +74,19 @@ def open_world(mission: Mission, folder: RunFolder, begun: bool) -> tuple[Scene,
     """The true scene, its light, what the operator knows of it, and its geometry. begun: an earlier bridge has checked
     all that, and has left in the run folder what is made of it. Raises UserError."""
     kept = read_world(folder.world_kept) if begun else None
-    scene, light = kept or (load_scene(mission.scene, mission.site), make_light(mission.render, mission.seed))
-    site = site_brief(mission, scene)
-    truth = Truth(*scene.mesh(), mission.obstacles)
+    if kept is not None:
+        return *kept, site_brief(mission, kept[0]), truth_of(mission, kept[0])
+    from sim_bridge import opening  # what makes scenes takes long to import; who finds one kept does without
+    scene, light = opening.make_world(mission)
+    site, truth = site_brief(mission, scene), truth_of(mission, scene)
     if not begun:
-        check_columns(mission, site, truth)
-        write_reference(folder, scene, site)
-        if mission.knowledge == "mesh" and not mission.prior_path:
-            export_mesh(scene, folder.prior)
-        Disk(folder.truth).write(folder.world_kept, world_bytes(scene, light))
+        opening.check_and_keep(mission, folder, scene, light, site, truth)
     return scene, light, site, truth
+
+
+def truth_of(mission: Mission, scene: Scene) -> Truth:
+    """The scene's geometry and the mission's obstacles."""
+    return Truth(*scene.mesh(), mission.obstacles)
 
 
 def begin_clock(clock: ClockServer, world: World, journal: WorldJournal, names: set[str],
@@ -128,36 +113,6 @@ def site_brief(mission: Mission, scene: Scene) -> SiteBrief:
     return SiteBrief(object_min_enu_m=given.object_min_enu_m or scene.object_min_enu_m,
                      object_max_enu_m=given.object_max_enu_m or scene.object_max_enu_m,
                      ground_up_m=scene.ground_up_m if given.ground_up_m is None else given.ground_up_m)
-
-
-def check_columns(mission: Mission, site: SiteBrief, truth: Truth) -> None:
-    """The operator's word that vehicles take off through free space, held against the truth. Raises UserError."""
-    for k, (lower, upper) in enumerate(takeoff_columns(mission, site)):
-        bottom = np.array([lower[0], lower[1], site.ground_up_m + ABOVE_GROUND_M])
-        axes = [np.arange(a, b + 1e-6, COLUMN_SAMPLE_M) for a, b in zip(bottom, upper, strict=True)]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        room = truth.distance(points, np.full(len(points), BEFORE_FLIGHT_NS))
-        if room.min() < 0.5 * COLUMN_SAMPLE_M:
-            east, north, up = points[room.argmin()]
-            x, y, _ = takeoff_points(mission, site)[k]
-            raise UserError(f"mission: the take-off column of vehicle {k + 1}, over ({x:.1f}, {y:.1f}) m, is not free: "
-                            f"the scene has something at ({east:.1f}, {north:.1f}, {up:.1f}) m; give "
-                            "fleet.takeoff_enu_m points on open ground.")
-
-
-def judge_coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth,
-                   pictures: Sequence[PictureMeta]) -> Coverage:
-    """What of the object exploration's pictures have seen, and what of it could be seen from where the mission's views
-    may stand. pictures: with their true poses."""
-    points = reference_surface(scene, site, COVERAGE_POINTS).points_enu_m
-    coverage = Coverage(truth, points, mission.explore.sensing_range_m)
-    for picture in pictures:
-        if picture.phase == EXPLORE:
-            coverage.add(picture)
-    positions = view_positions(*camera_bounds(mission, site), mission.explore)
-    clearance = truth.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS))
-    coverage.reach(positions[clearance >= mission.fleet.clearance_m], mission.explore, mission.camera.explore_camera())
-    return coverage
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
@@ -17,6 +16,7 @@ from missions.clock import SECOND_NS
 from missions.frames import Array
 from missions.simulation import ObstacleSpec
 from missions.triangles import without_slivers
+from sim_bridge.open3d_core import o3d
 
 Floats32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 import trimesh
 
 from missions.errors import UserError
-from missions.messages import SiteBrief
-from missions.run_folder import RunFolder
+from missions.lattice import view_positions
+from missions.messages import PictureMeta, SiteBrief
+from missions.mission import Mission
+from missions.pads import camera_bounds
+from missions.run_folder import RunFolder, write_views
+from sim_bridge.coverage import Coverage
 from sim_bridge.scenes.exposure import Surface, exposed_surface
 from sim_bridge.scenes.scene import Scene
+from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
+from sim_bridge.world import World
+
+EXPLORE = "explore"
 
 COVERAGE_POINTS = 20_000
 REFERENCE_POINTS = 100_000
@@ -45,6 +55,27 @@ def write_reference(folder: RunFolder, scene: Scene, site: SiteBrief) -> None:
              sample_part=part[surface.faces], triangle_part=part)
 
 
-def write_verdict(folder: RunFolder, verdict: dict[str, object]) -> None:
-    """referee.json."""
+def leave_verdict(mission: Mission, folder: RunFolder, scene: Scene, site: SiteBrief, truth: Truth, world: World,
+                  renderer_name: str) -> None:
+    """referee.json and the table of true poses; then nobody needs to take this world up any more."""
+    coverage = judge_coverage(mission, scene, site, truth, world.true_pictures)
+    verdict = {**world.referee.summary(), "coverage": coverage.summary(), "pictures": len(world.true_pictures),
+               "renderer": renderer_name, "notes": scene.notes, "site": msgspec.to_builtins(site)}
     folder.referee.write_text(json.dumps(verdict, indent=1), encoding="utf-8")
+    write_views(folder.truth_views, [folder.view_row(m) for m in world.true_pictures])
+    folder.world_kept.unlink(missing_ok=True)
+
+
+def judge_coverage(mission: Mission, scene: Scene, site: SiteBrief, truth: Truth,
+                   pictures: Sequence[PictureMeta]) -> Coverage:
+    """What of the object exploration's pictures have seen, and what of it could be seen from where the mission's views
+    may stand. pictures: with their true poses."""
+    points = reference_surface(scene, site, COVERAGE_POINTS).points_enu_m
+    coverage = Coverage(truth, points, mission.explore.sensing_range_m)
+    for picture in pictures:
+        if picture.phase == EXPLORE:
+            coverage.add(picture)
+    positions = view_positions(*camera_bounds(mission, site), mission.explore)
+    clearance = truth.distance(positions, np.full(len(positions), BEFORE_FLIGHT_NS))
+    coverage.reach(positions[clearance >= mission.fleet.clearance_m], mission.explore, mission.camera.explore_camera())
+    return coverage

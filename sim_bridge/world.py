@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
+from collections import deque
 from functools import partial
 
 import msgspec
@@ -30,6 +31,10 @@ TAKEN_UP_S = 300.0
 """Vehicles that have landed wait so long for somebody to take up the mission of a ground station that has died."""
 
 
+SHOWN_PER_TICK = 200
+"""States that the referee is shown at most per tick: more than a fleet tells in one."""
+
+
 class World:
     """Answers the vehicles and keeps the score. Subscribes the bus; the clock admits participants afterwards."""
 
@@ -42,6 +47,8 @@ class World:
         self._range_sensor = RangeSensor(truth, mission.fleet.range_sensor_m)
         self._newest: dict[int, VehicleState] = {}
         self.referee = Referee(truth, mission.fleet)
+        self._unjudged: deque[VehicleState] = deque()
+        """What the referee has not been shown yet: much, after an earlier bridge has died."""
         self.true_pictures: list[PictureMeta] = []
         """Every picture that was taken, with its true pose."""
         self._last: Step | None = None
@@ -77,8 +84,10 @@ class World:
             before = self._clock.run_tick(record=partial(journal.write, before))
             self._serve(before)
             self._clock.include_own()
+            self._show_referee(SHOWN_PER_TICK)
             over = self._over(before)
         self._watch(self._clock.run_tick(stop=True))
+        self._show_referee(len(self._unjudged))
         self.referee.finish()
 
     def _take_up(self) -> Round | None:
@@ -137,17 +146,21 @@ class World:
         self._clock.include_own()
 
     def _watch(self, round_: Round) -> list[VehicleState]:
-        """Show the referee all states of a round, also of aircraft whose computer has died: they stay where they told
-        last that they were. Returns the states that were told."""
+        """Note all states of a round for the referee, also of aircraft whose computer has died: they stay where they
+        told last that they were. Returns the states that were told."""
         states = [d.message for d in round_.deliveries if isinstance(d.message, VehicleState)]
         if not self._unattended or any(s.flying for s in states):
             self._attended_ns = round_.t_ns
         self._newest |= {state.vehicle_id: state for state in states}
         absent = [resting(state, round_.t_ns) for k, state in self._newest.items()
                   if vehicle_name(k) not in round_.participants]
-        for state in (*states, *absent):
-            self.referee.see(state)
+        self._unjudged.extend((*states, *absent))
         return states
+
+    def _show_referee(self, at_most: int) -> None:
+        """So many of the states that it has not seen; nobody's clock waits until it has judged a whole past."""
+        for _ in range(min(at_most, len(self._unjudged))):
+            self.referee.see(self._unjudged.popleft())
 
     def _expose(self, shutter: ShutterRequest) -> None:
         begin = time.perf_counter()

@@ -10,7 +10,8 @@ from missions.errors import UserError
 from missions.messages import SiteBrief
 from missions.mission import FleetSpec, Mission, SiteSpec
 from missions.simulation import SceneSpec
-from sim_bridge.__main__ import check_columns, site_brief
+from sim_bridge.__main__ import site_brief
+from sim_bridge.opening import check_columns
 from sim_bridge.scenes.builtin import BUILT_IN
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.truth import Truth

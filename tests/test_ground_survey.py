@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ground_station.airspace import Airspace
+from ground_station.energy import EnergyBudget
 from ground_station.ledger import ENERGY, FLOWN, LOST, UNREACHABLE, ViewLedger
 from ground_station.leg_costs import LegCosts
 from ground_station.legs import Shooting
@@ -24,9 +25,13 @@ from ground_station.tours import Flyer
 from missions.camera import Pose, View
 from missions.grid import FREE, OCCUPIED, VoxelGrid
 from missions.messages import SiteBrief
-from missions.mission import Mission
+from missions.mission import BatterySpec, Mission
+from missions.pads import hover_points, takeoff_points
 from planning.allocate.minmax import Effort
 from planning.paths.roadmap import build_roadmap
+from planning.trajectories import Limits
+from planning.trajectories.energy import DistanceEnergy
+from vehicle.way_home import WayHome
 
 MISSION = Mission(title="t")
 QUICK = Effort(iterations=200, chains=1)
@@ -132,6 +137,28 @@ def test_every_view_gets_exactly_one_outcome(method: str, vehicles: int, n: int,
     assert sorted(flown) == sorted(int(k) for k, v in outcomes.items() if v == FLOWN)
     assert len(flown) == len(set(flown))
     assert set(survey.ledger.details()) == {k for k, v in outcomes.items() if v != FLOWN}
+
+
+def test_no_tour_ends_where_its_vehicle_would_refuse_to_go() -> None:
+    """A vehicle keeps more for the way home, a detour and landing, than the way that the map shows takes."""
+    battery = BatterySpec(model="distance", percent_per_m=1.6, threshold_percent=8.0)
+    mission, targets = Mission(title="t", battery=battery), views(24)
+    roadmap = build_roadmap(AIR.field, np.array([flyer(1).home_enu_m, *(v.pose.position_enu_m for v in targets)]),
+                            AIR.clearance_m)
+    costs, budget = LegCosts(roadmap, targets, SHOOTING, mission, AIR), EnergyBudget(mission, SITE)
+    hover, energy, limits = flyer(1).home_enu_m, DistanceEnergy(1.6), Limits.of_fleet(mission.fleet)
+    pad = hover - (np.array(hover_points(mission, SITE)[0]) - takeoff_points(mission, SITE)[0])
+    keeps = WayHome(energy, hover, pad, limits, limits, limits, mission.fleet.vehicles - 1)
+    fresh = 100.0 - battery.threshold_percent
+    own = Flyer(1, hover, hover, fresh, 12, budget.at_home_percent(1))
+    tours = MinmaxTours(targets, mission, costs, fresh, QUICK, QUICK).begin([own]).sorties[1]
+    assert len(tours) > 1
+    there, between = costs.from_place(hover).percent, costs.between.percent
+    for sortie in tours:
+        i = [v - targets[0].view_id for v in sortie]
+        used = there[i[0]] + between[i[:-1], i[1:]].sum()
+        kept = keeps.percent(np.array(targets[i[-1]].pose.position_enu_m))
+        assert used + kept <= 100.0 - battery.reserve_percent + 1e-9
 
 
 @settings(max_examples=20, deadline=None)

@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 def test_a_vehicle_that_returns_with_views_left_is_serviced_and_goes_on(tmp_path: Path) -> None:
     run, complaints = fly(tmp_path, ["fleet.vehicles=1", "explore.max_views=3", "survey.max_views=12",
-                                     "battery.percent_per_m=1.3", "battery.swaps=4", "battery.swap_s=45.0"])
+                                     "battery.percent_per_m=1.6", "battery.swaps=4", "battery.swap_s=45.0"])
     assert complaints == []
     told = json.loads(run.flight.read_text())
     assert set(told["outcomes"].values()) == {"flown"}

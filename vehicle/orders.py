@@ -11,6 +11,7 @@ from missions.frames import Array
 from missions.mavlink import Route
 from missions.mission import BatterySpec
 from planning.trajectories import Via
+from planning.trajectories.homing import VERTICAL_SPEED_M_S
 from vehicle.battery import Battery
 from vehicle.camera import CameraPayload
 from vehicle.guided import Guided, free_below
@@ -34,8 +35,6 @@ from vehicle.route_run import RouteRun
 from vehicle.settings import Settings
 from vehicle.simulator import resting
 from vehicle.way_home import WayHome
-
-VERTICAL_SPEED_M_S = 1.5
 
 
 class Orders:

@@ -11,6 +11,7 @@ import numpy as np
 from missions.frames import Array
 from planning.paths import NoPath
 from planning.trajectories import Limits, Via
+from planning.trajectories.homing import DETOUR_SPEED_M_S
 from vehicle.avoidance import Avoidance
 from vehicle.body import Body
 from vehicle.give_way import RETRY_NS, GiveWay
@@ -23,8 +24,6 @@ AROUND_AGAIN_NS = 8 * NS
 WAIT_FOR_MAP_NS = 2 * NS
 MAX_LAUNCHES = 40
 """Legs flown for one waypoint before it counts as blocked."""
-DETOUR_SPEED_M_S = 1.5
-"""Around things that the map did not show, slow enough to stop within what the sensor sees densely."""
 
 
 class Outcome(Enum):

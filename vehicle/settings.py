@@ -9,11 +9,12 @@ from types import MappingProxyType
 from typing import Any
 
 from missions.mission import Mission
+from planning.trajectories.homing import VERTICAL_SPEED_M_S
 from vehicle.failsafe_table import TABLE, Action, Step, Trigger
 
 HOLD_S = 15.0
 """A hold that was set where the table goes on to nothing worse turns into a return after so long."""
-EMERGENCY_PERCENT, VERTICAL_SPEED_M_S = 2.0, 1.5
+EMERGENCY_PERCENT = 2.0
 PEER_SHARE = 0.8
 """Of the separation: well below it, so that what the rules of right of way bring about is never called too close."""
 

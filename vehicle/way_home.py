@@ -9,14 +9,11 @@ import numpy as np
 from missions.frames import Array
 from planning.trajectories import Limits, leg_time_s
 from planning.trajectories.energy import Energy
+from planning.trajectories.homing import landing_percent, waiting_percent, way_home_percent
 
-DETOUR = 1.3
-"""Ways home are reckoned at least this much longer than straight, and flown as slowly as detours are."""
 NEXT_PLACES = 8
 """Over so many of the places with the shortest ways a free way home is looked for."""
 SAME_PLACE_M = 0.5
-WAIT_S = 15.0
-"""For each teammate that may come home first through the same gap."""
 
 
 class WayHome:
@@ -26,10 +23,8 @@ class WayHome:
                  vertical: Limits, teammates: int) -> None:
         """limits: of a free way; slow: of a detour; vertical: of landing."""
         self._energy, self._hover, self._limits, self._slow = energy, hover_enu_m, limits, slow
-        down = pad_enu_m - hover_enu_m
-        length = np.asarray(np.linalg.norm(down))
-        self._landing = float(energy.leg_percent(down, length, leg_time_s(length, vertical)))
-        self._waiting = energy.rest_percent(WAIT_S * teammates)
+        self._landing = landing_percent(energy, pad_enu_m - hover_enu_m, vertical)
+        self._waiting = waiting_percent(energy, teammates)
         self._places, self._way_m = [hover_enu_m], [0.0]
         self._around_m = 0.0
 
@@ -48,10 +43,7 @@ class WayHome:
 
     def percent(self, position_enu_m: Array) -> Array:
         """With a detour, at least as far around as from the last place noted, and waits for all teammates."""
-        away = self._hover - position_enu_m
-        straight = np.linalg.norm(away, axis=-1)
-        length = np.maximum(DETOUR * straight, straight + self._around_m)
-        flying = self._energy.leg_percent(away, length, leg_time_s(length, self._slow))
+        flying = way_home_percent(self._energy, self._hover - position_enu_m, self._slow, self._around_m)
         return np.asarray(flying + self._waiting + self._landing)
 
     def least_percent(self, position_enu_m: Array) -> Array:

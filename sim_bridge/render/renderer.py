@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import msgspec
@@ -17,7 +17,6 @@ from sim_bridge.render.egl import EglRenderer, EglUnavailableError
 from sim_bridge.render.geometry import Box
 from sim_bridge.render.lens import through_lens, wide_camera
 from sim_bridge.render.light import Bytes, Light, make_light
-from sim_bridge.render.raycast import RaycastRenderer
 from sim_bridge.render.sensor import SensorNoise
 from sim_bridge.scenes.scene import Scene
 
@@ -61,6 +60,32 @@ class LensRenderer:
         self._pinhole.close()
 
 
+class LateRenderer:
+    """A renderer that is made when the first picture is asked for; see Renderer."""
+
+    def __init__(self, make: Callable[[], Renderer]) -> None:
+        self._make = make
+        self._made: Renderer | None = None
+
+    @property
+    def backend_name(self) -> str:
+        """Of the renderer, which is made for it."""
+        return self._renderer().backend_name
+
+    def render(self, camera: Camera, pose: Pose, boxes: Sequence[Box], noise_key: int) -> Bytes:
+        """(height, width, 3) uint8 RGB."""
+        return self._renderer().render(camera, pose, boxes, noise_key)
+
+    def close(self) -> None:
+        """Free what there is."""
+        if self._made is not None:
+            self._made.close()
+
+    def _renderer(self) -> Renderer:
+        self._made = self._made or self._make()
+        return self._made
+
+
 def make_renderer(scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed: int,
                   light: Light | None = None) -> Renderer:
     """The renderer that spec.backend asks for; 'auto' takes EGL where a context can be had, else ray casting. With a
@@ -78,7 +103,7 @@ def make_renderer(scene: Scene, spec: RenderSpec, camera_spec: CameraSpec, seed:
 
 def _pinhole_renderer(scene: Scene, spec: RenderSpec, light: Light, camera_spec: CameraSpec, seed: int) -> Renderer:
     if spec.backend == "raycast":
-        return RaycastRenderer(scene, light, camera_spec, seed)
+        return _raycast_renderer(scene, light, camera_spec, seed)
     try:
         return EglRenderer(scene, light, camera_spec, seed)
     except EglUnavailableError as e:
@@ -86,4 +111,9 @@ def _pinhole_renderer(scene: Scene, spec: RenderSpec, light: Light, camera_spec:
             raise UserError(f"render.backend = \"egl\": no EGL context can be made ({e}); install libegl1 libgl1 "
                             f"libgl1-mesa-dri or set render.backend to \"auto\".") from e
         log.warning("no EGL context can be made (%s); pictures are ray-cast, which is slower", e)
-        return RaycastRenderer(scene, light, camera_spec, seed)
+        return _raycast_renderer(scene, light, camera_spec, seed)
+
+
+def _raycast_renderer(scene: Scene, light: Light, camera_spec: CameraSpec, seed: int) -> Renderer:
+    from sim_bridge.render.raycast import RaycastRenderer  # half a second of imports that EGL does without
+    return RaycastRenderer(scene, light, camera_spec, seed)
