@@ -15,7 +15,7 @@ from missions.mission import Mission
 from missions.pads import hover_points, takeoff_points
 from planning.trajectories import Clear, Limits, leg_time_s
 from planning.trajectories.energy import energy_of
-from planning.trajectories.homing import DETOUR, VERTICAL_SPEED_M_S, landing_percent, waiting_percent
+from planning.trajectories.homing import DETOUR, VERTICAL_SPEED_M_S, vertical_percent, waiting_percent
 
 EXPLORE_ENERGY_SHARE = 0.5
 """Share of the usable battery that exploration may take when a survey follows."""
@@ -31,9 +31,10 @@ class EnergyBudget:
         self._energy, self._limits = energy_of(mission), Limits.of_fleet(mission.fleet)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
         vertical = replace(self._limits, speed_m_s=min(self._limits.speed_m_s, VERTICAL_SPEED_M_S))
-        self._at_home = [landing_percent(self._energy, np.array(pad) - hover, vertical)
-                         + waiting_percent(self._energy, mission.fleet.vehicles - 1)
-                         for pad, hover in zip(takeoff_points(mission, site), self._hover, strict=True)]
+        up = [hover - np.array(pad) for pad, hover in zip(takeoff_points(mission, site), self._hover, strict=True)]
+        waiting = waiting_percent(self._energy, mission.fleet.vehicles - 1)
+        self._take_off = [vertical_percent(self._energy, way, vertical) for way in up]
+        self._at_home = [vertical_percent(self._energy, -way, vertical) + waiting for way in up]
         self._tick_s = mission.clock.tick_s
         self._anchor = mission.site.anchor
 
@@ -48,6 +49,10 @@ class EnergyBudget:
     def at_home_percent(self, vehicle_id: int) -> float:
         """What a vehicle keeps for the time over its pad: waiting for the others, and landing."""
         return self._at_home[vehicle_id - 1]
+
+    def take_off_percent(self, vehicle_id: int) -> float:
+        """From the pad to the hover point, where tours begin."""
+        return self._take_off[vehicle_id - 1]
 
     def affordable(self, vehicle_id: int, from_enu_m: Array, goals_enu_m: Array, way_m: Array,
                    usable_percent: float) -> NDArray[np.bool_]:

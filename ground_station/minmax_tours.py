@@ -68,8 +68,9 @@ class MinmaxTours:
                             for currency in ("seconds", "percent"))
         forbidden = np.array([[f.vehicle_id in refused_by.get(self._ids[i], ()) for i in chosen] for f in flyers],
                              dtype=np.bool_).reshape(len(flyers), len(chosen))
+        fresh = np.array([self._fresh_percent - f.take_off_percent for f in flyers])
         return Problem(seconds, energy=percent, available_percent=np.array([f.usable_percent for f in flyers]),
-                       swapped_percent=np.full(len(flyers), self._fresh_percent), swap_s=self._swap_s,
+                       swapped_percent=fresh, swap_s=self._swap_s,
                        max_sorties=np.array([1 + f.swaps for f in flyers], dtype=np.int64), forbidden=forbidden)
 
     def _ways(self, currency: str, chosen: list[int], starts: list[Cost], leave: list[Cost], back: list[Cost],

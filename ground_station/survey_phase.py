@@ -204,8 +204,10 @@ class SurveyPhase:
     def _flyer(self, drone: Drone) -> Flyer:
         place = drone.position_enu_m if drone.airborne else drone.hover_enu_m
         usable = self._control.usable_percent(drone, exploring=False) if drone.available else 0.0
-        return Flyer(drone.vehicle_id, place, drone.hover_enu_m, usable, 0 if drone.dropped else drone.swaps_left,
-                     self._control.energy.at_home_percent(drone.vehicle_id))
+        k, energy = drone.vehicle_id, self._control.energy
+        take_off = energy.take_off_percent(k)
+        return Flyer(k, place, drone.hover_enu_m, usable if drone.airborne else usable - take_off,
+                     0 if drone.dropped else drone.swaps_left, energy.at_home_percent(k), take_off)
 
 
 def _why_gone(drone: Drone) -> str:

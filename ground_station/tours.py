@@ -12,7 +12,8 @@ from missions.frames import Array
 @dataclass(frozen=True)
 class Flyer:
     """A vehicle that can take views. usable_percent: of its present battery, the way home included. swaps: fresh
-    batteries that wait for it at its pad. at_home_percent: what it keeps for waiting and landing there."""
+    batteries that wait for it at its pad. at_home_percent: what it keeps for waiting and landing there.
+    take_off_percent: what of each of them take-off takes."""
 
     vehicle_id: int
     position_enu_m: Array
@@ -20,6 +21,7 @@ class Flyer:
     usable_percent: float
     swaps: int = 0
     at_home_percent: float = 0.0
+    take_off_percent: float = 0.0
 
 
 @dataclass(frozen=True)

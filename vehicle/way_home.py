@@ -9,7 +9,7 @@ import numpy as np
 from missions.frames import Array
 from planning.trajectories import Limits, leg_time_s
 from planning.trajectories.energy import Energy
-from planning.trajectories.homing import landing_percent, waiting_percent, way_home_percent
+from planning.trajectories.homing import vertical_percent, waiting_percent, way_home_percent
 
 NEXT_PLACES = 8
 """Over so many of the places with the shortest ways a free way home is looked for."""
@@ -23,7 +23,7 @@ class WayHome:
                  vertical: Limits, teammates: int) -> None:
         """limits: of a free way; slow: of a detour; vertical: of landing."""
         self._energy, self._hover, self._limits, self._slow = energy, hover_enu_m, limits, slow
-        self._landing = landing_percent(energy, pad_enu_m - hover_enu_m, vertical)
+        self._landing = vertical_percent(energy, pad_enu_m - hover_enu_m, vertical)
         self._waiting = waiting_percent(energy, teammates)
         self._places, self._way_m = [hover_enu_m], [0.0]
         self._around_m = 0.0

@@ -30,10 +30,10 @@ def way_home_percent(energy: Energy, away_enu_m: Array, slow: Limits, around_m: 
     return np.asarray(energy.leg_percent(away_enu_m, length, leg_time_s(length, slow)))
 
 
-def landing_percent(energy: Energy, down_enu_m: Array, vertical: Limits) -> float:
-    """Of coming down by a vector (3,) from the hover point to the pad."""
-    length = np.asarray(np.linalg.norm(down_enu_m))
-    return float(energy.leg_percent(down_enu_m, length, leg_time_s(length, vertical)))
+def vertical_percent(energy: Energy, way_enu_m: Array, vertical: Limits) -> float:
+    """Of landing or taking off by a vector (3,) between hover point and pad."""
+    length = np.asarray(np.linalg.norm(way_enu_m))
+    return float(energy.leg_percent(way_enu_m, length, leg_time_s(length, vertical)))
 
 
 def waiting_percent(energy: Energy, teammates: int) -> float:
