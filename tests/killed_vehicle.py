@@ -17,11 +17,16 @@ KILL_AT_S = "KILL_AT_S"
 
 
 class KilledVehicle(Vehicle):
-    """Does not live to answer the tick at which it flies its plan and its time has come."""
+    """Does not live to answer the first tick after its time has come at which it flies its plan. Who takes its place
+    after that time lives on."""
+
+    doomed = False
 
     def step(self, t_ns: int, deliveries: list[Delivery], participants: frozenset[str]) -> list[Outgoing]:
         """As a vehicle, while it lives."""
-        if t_ns >= float(os.environ[KILL_AT_S]) * SECOND_NS and self.executor.mode == MISSION:
+        come = t_ns >= float(os.environ[KILL_AT_S]) * SECOND_NS
+        self.doomed = self.doomed or not come
+        if come and self.doomed and self.executor.mode == MISSION:
             os.kill(os.getpid(), signal.SIGKILL)
         return super().step(t_ns, deliveries, participants)
 

@@ -17,7 +17,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 
 CHROMIUM = shutil.which("chromium")
 SOFTWARE_GL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-PATIENCE_MS = 60_000.0
+PATIENCE_MS = 240_000.0
 NEEDS_BROWSER = pytest.mark.skipif(CHROMIUM is None, reason="no browser; run: sudo apt-get install -y chromium")
 
 

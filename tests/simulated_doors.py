@@ -13,7 +13,7 @@ from pathlib import Path
 import trimesh
 
 MISSION = Path(__file__).parent / "missions" / "doors.toml"
-GRACE_S = 120.0
+GRACE_S = 300.0
 
 
 def free_udp_port() -> int:

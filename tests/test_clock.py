@@ -28,7 +28,7 @@ from tests.loopback import free_endpoint
 
 HASH = "0123456789abcdef"
 SITE = SiteBrief(object_min_enu_m=(0.0, 0.0, 0.0), object_max_enu_m=(1.0, 1.0, 1.0), ground_up_m=0.0)
-JOIN_S = 20.0
+JOIN_S = 120.0
 
 
 @dataclass

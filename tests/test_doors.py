@@ -29,7 +29,7 @@ from sim_bridge.frame_header import Header, split
 from tests.door_world import DoorWorld
 from tests.simulated_doors import free_udp_port
 
-ALL_S = 60.0
+ALL_S = 300.0
 
 
 @pytest.mark.parametrize("number", sorted(n for n, m in mav.mavlink_map.items()

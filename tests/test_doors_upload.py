@@ -43,7 +43,7 @@ PLAN = FlightPlan(
 def wait_for_vehicles(url: str) -> None:
     """Until the simulation is up."""
     with MavlinkLink(url) as link:
-        for _ in range(10):
+        for _ in range(60):
             with contextlib.suppress(LinkError):
                 assert vehicles(link)
                 return

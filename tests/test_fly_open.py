@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,7 +22,16 @@ from tests.test_loopback import flight_of, fly
 
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("doors")]
 
-CLIENT_S = 120.0
+CLIENT_S = 300.0
+ATTEMPTS = 60
+
+
+async def insist(call: Callable[[], Awaitable[None]]) -> None:
+    """As people do: MAVSDK gives an answer half a second, and a decision on a busy machine takes longer."""
+    for _ in range(ATTEMPTS):
+        with suppress(MavsdkError):
+            return await call()
+    return await call()
 
 
 async def watch_and_pause(port: int) -> list[str]:
@@ -39,7 +50,7 @@ async def watch_and_pause(port: int) -> list[str]:
             with pytest.raises(MavsdkError):
                 await forbidden()
         done.append("refused to lead")
-        await ActionAsync(system).hold()
+        await insist(ActionAsync(system).hold)
         async for mode in telemetry.subscribe_flight_mode():
             if mode.name == "HOLD":
                 break
@@ -47,7 +58,7 @@ async def watch_and_pause(port: int) -> list[str]:
             if abs(velocity.north_m_s) + abs(velocity.east_m_s) + abs(velocity.down_m_s) < 1e-6:
                 break
         done.append("paused")
-        await mission.start_mission()
+        await insist(mission.start_mission)
         async for mode in telemetry.subscribe_flight_mode():
             if mode.name == "MISSION":
                 break
@@ -60,7 +71,7 @@ def test_mavsdk_pauses_a_mission_and_the_mission_is_flown_to_its_end_all_the_sam
     client = threading.Thread(target=lambda: done.extend(asyncio.run(watch_and_pause(port))))
     client.start()
     door = f'mavlink.open=["udp://127.0.0.1:{port}"]'
-    run, complaints = fly(tmp_path, ["explore.max_views=4", "survey.max_views=6", "clock.speed=6.0",
+    run, complaints = fly(tmp_path, ["explore.max_views=4", "survey.max_views=6", "clock.speed=2.0",
                                      "clock.tick_s=0.05", door])
     client.join()
     assert done == ["seen in its mission", "refused to lead", "paused", "goes on"]

@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 def test_a_dropped_vehicle_leaves_its_views_to_the_others_and_the_reserve_takes_over(tmp_path: Path) -> None:
     flight, endpoint = flying(tmp_path, "explore.max_views=3", "survey.max_views=10", "fleet.vehicles=3",
-                              "fleet.reserve=1", "site.geofence_room_m=5.0")
+                              "fleet.reserve=1", "site.geofence_room_m=5.0", "clock.speed=2.0")
     try:
         asyncio.run(_drop_and_add(endpoint))
         assert flight.wait() == []

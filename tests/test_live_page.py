@@ -19,7 +19,8 @@ pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback"), NEEDS_B
 def page(tmp_path: Path) -> Iterator[Page]:
     """A browser at the page of a flight that waits for Start."""
     port = free_port()
-    flight, _ = flying(tmp_path, live=("--live", "--port", str(port), "--wait"))
+    flight, _ = flying(tmp_path, "clock.speed=1.0", "explore.max_views=40",
+                       live=("--live", "--port", str(port), "--wait"))
     try:
         with tab_at(port) as tab:
             yield tab

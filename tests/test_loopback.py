@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import signal
 import subprocess
 import sys
 import threading
@@ -240,7 +238,7 @@ def test_a_vehicle_that_runs_low_hands_its_views_over_and_keeps_their_origin(tmp
 def test_a_killed_bridge_ends_the_flight_names_its_log_and_keeps_what_was_received(tmp_path: Path) -> None:
     def kill_bridge(flight: processes.Flight, status: Status) -> None:
         if status.pictures and "bridge" in flight.running:
-            os.kill(flight.running["bridge"].pid, signal.SIGKILL)
+            flight.running["bridge"].kill()
 
     run, complaints = fly(tmp_path, ["clock.speed=8.0", "fleet.restarts=0"], watch=kill_bridge)
     assert any(c.startswith("bridge ended with code -9; read") and c.endswith("bridge.log.") for c in complaints)

@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("doors")]
 MAVPROXY = Path(sys.executable).with_name("mavproxy.py")
 MODULES = "link,log,wp,rally,fence,param,mode,arm,cmdlong,misc,battery"
 """Without those that load maps and terrain from the network."""
-PATIENCE_S = 120.0
+PATIENCE_S = 400.0
 ASK_AGAIN_S = 5.0
 HOME = "52.2203652\t6.8861000"
 PLAN = "\n".join(["QGC WPL 110",

@@ -32,7 +32,7 @@ from tests.simulated_doors import free_udp_port, simulated
 
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("doors")]
 
-STARTS_S, STEP_S = 120.0, 60.0
+STARTS_S, STEP_S = 300.0, 240.0
 NAN = float("nan")
 LEAST_STEPS = 44
 

@@ -39,7 +39,7 @@ def mission_raw() -> Iterator[MissionRaw]:
         client.add_any_connection("raw://")
         client.pass_received_raw_bytes(Endpoint(1, 1).pack(mav.MAVLink_heartbeat_message(
             mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_PX4, 0, 0, mav.MAV_STATE_STANDBY, 3)))
-        system = client.first_autopilot(10.0)
+        system = client.first_autopilot(120.0)
         assert system is not None
         yield MissionRaw(system)
 

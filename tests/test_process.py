@@ -31,8 +31,8 @@ def test_the_last_writing_is_not_broken_off(tmp_path: Path, number: signal.Signa
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_when_told_also_where_a_shell_ignores_interrupts(number: signal.Signals) -> None:
-    program = ("import sys, signal; from missions.process import end_when_told, run_process; end_when_told(); "
-               "sys.exit(run_process(lambda: print('up', flush=True) or signal.pause()))")
+    program = ("import sys, time; from missions.process import end_when_told, run_process; end_when_told(); "
+               "sys.exit(run_process(lambda: print('up', flush=True) or [time.sleep(0.1) for _ in iter(int, 1)]))")
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)

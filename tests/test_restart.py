@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import resource
-import signal
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -22,11 +20,13 @@ from missions.messages import Status
 from missions.mission_file import load_mission
 from missions.run_folder import RunFolder
 from missions.tlog import read_tlog
+from tests.killed_vehicle import KILL_AT_S
 from tests.test_loopback import fly
 
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
 
 ARM = 400
+KILLED_S = 27.0
 SMALL = ["explore.max_views=4", "survey.max_views=6"]
 
 
@@ -42,7 +42,7 @@ def killing(name: str, due: list[Callable[[Status], bool]]) -> tuple[Callable[[F
     def watch(flight: Flight, status: Status) -> None:
         if len(killed) < len(due) and due[len(killed)](status) and name in flight.running:
             killed.append(status.t_ns / 1e9)
-            os.kill(flight.running[name].pid, signal.SIGKILL)
+            flight.running[name].kill()
 
     return watch, killed
 
@@ -61,7 +61,7 @@ def test_a_killed_bridge_is_replaced_and_the_flight_is_the_same(undisturbed: tup
     first, folder = undisturbed
     (tmp_path / "very_secret_house.ply").write_bytes((folder / "very_secret_house.ply").read_bytes())
     watch, killed = killing("bridge", [lambda s: s.pictures >= 2, lambda s: s.phase == "survey" and s.pictures >= 6])
-    second, complaints = fly(tmp_path, [*SMALL, "clock.speed=8.0"], watch=watch)
+    second, complaints = fly(tmp_path, [*SMALL, "clock.speed=3.0"], watch=watch)
     assert complaints == []
     assert len(killed) == 2
     assert "takes the place of a bridge that died" in (second.logs / "bridge.log").read_text()
@@ -75,15 +75,9 @@ def test_a_killed_bridge_is_replaced_and_the_flight_is_the_same(undisturbed: tup
 
 
 def test_a_killed_vehicle_comes_back_where_it_was_and_nothing_is_lost_or_flown_twice(tmp_path: Path) -> None:
-    def at_work(status: Status) -> bool:
-        first = status.vehicles[0]
-        return status.phase == "survey" and first.mode == "flying" and bool(first.views_left)
-
-    watch, killed = killing("uav1", [at_work])
-    run, complaints = fly(tmp_path, [*SMALL, "survey.max_views=12", "clock.speed=4.0", "fleet.lost_after_s=120.0"],
-                          watch=watch)
+    run, complaints = fly(tmp_path, [*SMALL, "survey.max_views=12", "fleet.lost_after_s=120.0"],
+                          environment={KILL_AT_S: str(KILLED_S)}, modules={"uav1": "tests.killed_vehicle"})
     assert complaints == []
-    assert killed
     record = json.loads(run.flight.read_text())
     assert json.loads(run.referee.read_text())["collisions"] == 0
     assert set(record["outcomes"].values()) == {"flown"}
@@ -97,7 +91,7 @@ def test_a_killed_vehicle_comes_back_where_it_was_and_nothing_is_lost_or_flown_t
     assert on_the_card == {int(p.stem.split("_")[1]) for p in run.sd_card(1).glob("*.ack")}
     with np.load(run.trajectories) as tracks:
         t_s, path = tracks["uav1_t_s"], tracks["uav1_position_enu_m"]
-    around = np.abs(t_s - killed[0]) < 60.0
+    around = np.abs(t_s - KILLED_S) < 60.0
     assert np.linalg.norm(np.diff(path[around], axis=0), axis=1).max() < 0.4  # it flies on from where it was
     epoch = load_mission(run.mission).clock.epoch_utc
     arms = [m for _, m in read_tlog(run.tlog, epoch) if m.get_type() == "COMMAND_LONG" and m.command == ARM

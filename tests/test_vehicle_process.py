@@ -41,14 +41,14 @@ def vehicle(endpoint: str, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(command)
     yield process
     process.kill()
-    process.wait(10)
+    process.wait(60)
 
 
 def serve(bus: Bus) -> ClockServer:
     """Admit the vehicle."""
     server = ClockServer(bus, MISSION.clock, without_scene(MISSION).mission_hash, SITE)
     bus.subscribe(topics.VEHICLE_STATE)
-    server.admit({"uav1"}, 60.0)
+    server.admit({"uav1"}, 240.0)
     return server
 
 
@@ -61,7 +61,7 @@ def test_joins_tells_its_state_and_leaves_when_told(endpoint: str, vehicle: subp
         assert [s.t_ns for s in states] == [0, 1_000_000_000]
         assert not states[0].flying
         vehicle.send_signal(signal.SIGTERM)
-        assert vehicle.wait(60) == 0
+        assert vehicle.wait(240) == 0
     assert [r["name"] for r in RunFolder(tmp_path).process_records()] == ["uav1"]
 
 
@@ -70,14 +70,14 @@ def test_stops_with_the_clock(endpoint: str, vehicle: subprocess.Popen[bytes]) -
         server = serve(bus)
         server.run_tick()
         bus.publish(topics.TICK, Tick(tick=1, t_ns=100_000_000, counts={}, participants=["uav1"], stop=True))
-        assert vehicle.wait(60) == 0
+        assert vehicle.wait(240) == 0
 
 
 def test_leaves_in_peace_when_the_bridge_vanishes(endpoint: str, vehicle: subprocess.Popen[bytes],
                                                   tmp_path: Path) -> None:
     with Bus("bridge", "test", listen=endpoint) as bus:
         serve(bus).run_tick()
-    assert vehicle.wait(15) == 0
+    assert vehicle.wait(240) == 0
     record = RunFolder(tmp_path).process_records()[0]
     assert record["peak_memory_mib"] < 400
 
@@ -87,7 +87,7 @@ def test_leaves_in_peace_when_the_bridge_vanishes(endpoint: str, vehicle: subpro
 def test_bad_input_ends_with_one_sentence_and_code_2(arguments: list[str], said: str, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "vehicle", *arguments, *([] if "--id" in arguments else ["--id", "1"]),
                "--run", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
@@ -96,5 +96,5 @@ def test_bad_input_ends_with_one_sentence_and_code_2(arguments: list[str], said:
 
 def test_no_heavy_library_is_imported() -> None:
     code = "import sys, vehicle.__main__; print([m for m in ('torch', 'open3d', 'cv2', 'trimesh') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
     assert done.stdout.strip() == "[]"

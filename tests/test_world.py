@@ -42,7 +42,7 @@ from sim_bridge.world import World
 from sim_bridge.world_journal import WorldJournal
 from tests.loopback import free_endpoint
 
-JOIN_S = 60.0
+JOIN_S = 240.0
 CAMERA = Camera.from_diagonal_fov(64, 36, 84.0)
 BEAM = ObstacleSpec(center_enu_m=(0.0, -4.0, 5.0), size_m=(6.0, 0.2, 6.0), appears_at_s=1.0, disappears_at_s=2.0)
 BOX = trimesh.creation.box(extents=(4.0, 4.0, 4.0)).apply_translation((0.0, 0.0, 5.0))
@@ -274,7 +274,7 @@ def test_the_process_flies_a_mission_and_leaves_the_truth(tmp_path: Path) -> Non
     process = bridge_process(mission, tmp_path, endpoint)
     threads = [participant("ground", endpoint, mission, heard["ground"], until(12)),
                participant("uav1", endpoint, mission, heard["uav1"], photographer(1, (0.0, -9.0, 5.0)))]
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=400)
     assert process.returncode == 0, errors.decode()
     for thread in threads:
         thread.join(JOIN_S)
@@ -313,7 +313,7 @@ def test_a_signal_in_flight_ends_it_with_the_truth_written(tmp_path: Path) -> No
 
     participant("ground", endpoint, mission, heard["ground"], hang)
     participant("uav1", endpoint, mission, heard["uav1"], photographer(1, (0.0, -9.0, 5.0)))
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=400)
     asked.set()
     assert process.returncode == 0, errors.decode()
     assert json.loads((tmp_path / "truth" / "referee.json").read_text(encoding="utf-8"))["pictures"] == 1
