@@ -75,13 +75,14 @@ def test_a_killed_bridge_is_replaced_and_the_flight_is_the_same(undisturbed: tup
 
 
 def test_a_killed_vehicle_comes_back_where_it_was_and_nothing_is_lost_or_flown_twice(tmp_path: Path) -> None:
-    run, complaints = fly(tmp_path, [*SMALL, "survey.max_views=12", "fleet.lost_after_s=120.0"],
+    run, complaints = fly(tmp_path, [*SMALL, "survey.max_views=12", "clock.speed=2.0", "fleet.lost_after_s=120.0"],
                           environment={KILL_AT_S: str(KILLED_S)}, modules={"uav1": "tests.killed_vehicle"})
     assert complaints == []
     record = json.loads(run.flight.read_text())
     assert json.loads(run.referee.read_text())["collisions"] == 0
     assert set(record["outcomes"].values()) == {"flown"}
-    assert record["reassignments"] == []
+    # while it is away a teammate with nothing left to do may help out, but nobody takes it for lost
+    assert {r["reason"] for r in record["reassignments"]} <= {"balance"}
     assert [n.split(": ")[1] for n in record["notes"] if n.endswith(("is back", "for it"))] == [
         "vehicle 1 has vanished; its views wait 120 s for it", "vehicle 1 is back"]
     rows = rows_of(run)
