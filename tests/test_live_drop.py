@@ -12,7 +12,7 @@ from ground_station.live.client import AsyncLiveMission, connect_async
 from missions.live import Add, Drop, MoveFence, SetGoal, Start
 from tests.live_world import FLEET, flying, vehicle
 
-pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("live")]
 
 
 def test_a_dropped_vehicle_leaves_its_views_to_the_others_and_the_reserve_takes_over(tmp_path: Path) -> None:

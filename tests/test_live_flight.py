@@ -13,7 +13,7 @@ from ground_station.live.client import LiveMission, connect
 from missions.live import LiveState
 from tests.live_world import FLEET, flying, vehicle
 
-pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("live")]
 PATIENCE_S = 300.0
 
 

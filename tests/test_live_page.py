@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 from tests.live_browser import NEEDS_BROWSER, keep, tab_at
 from tests.live_world import flying, free_port
 
-pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback"), NEEDS_BROWSER]
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("live"), NEEDS_BROWSER]
 
 
 @pytest.fixture

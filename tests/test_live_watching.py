@@ -10,7 +10,7 @@ import pytest
 from ground_station.live.client import connect
 from tests.live_world import FLEET, flying
 
-pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("live")]
 
 
 def test_who_only_watches_changes_nothing(tmp_path: Path) -> None:

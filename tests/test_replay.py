@@ -35,7 +35,7 @@ from tests.test_loopback import fly
 SITE = SiteBrief(object_min_enu_m=(0.0, 0.0, 0.0), object_max_enu_m=(1.0, 1.0, 1.0), ground_up_m=0.0)
 SHOWN = 300
 """Looks at what a watcher has, at most."""
-FLIGHT = pytest.mark.xdist_group("loopback")
+FLIGHT = pytest.mark.xdist_group("live")
 
 
 def state(t_ns: int) -> VehicleState:

@@ -23,7 +23,7 @@ from missions.tlog import read_tlog
 from tests.killed_vehicle import KILL_AT_S
 from tests.test_loopback import fly
 
-pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("loopback")]
+pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("doors")]
 
 ARM = 400
 KILLED_S = 27.0

@@ -42,7 +42,7 @@ from tests.test_loopback import flight_of, small_mission
 
 SITE = SiteBrief(object_min_enu_m=(-4.0, -3.0, 0.0), object_max_enu_m=(4.0, 3.0, 7.0), ground_up_m=0.0)
 MISSION = Mission(title="t", battery=BatterySpec(threshold_percent=30.0))
-FLIGHT = pytest.mark.xdist_group("loopback")
+FLIGHT = pytest.mark.xdist_group("live")
 LATENCY_NS = 10_000_000
 
 
