@@ -80,11 +80,16 @@ class SimClock:
         return self.site
 
     def next(self) -> Turn:
-        """Wait for the next tick, also while there is no bridge. Raises LinkError when it is gone for good."""
+        """Wait for the next tick, also while there is no bridge. Raises LinkError when it is gone for good, or comes
+        back without knowing what has happened."""
         while True:
             while not self._ticks:
                 self._receive()
             tick = self._ticks.pop(0)
+            if tick.again and tick.tick < self._tick:
+                raise LinkError(f"{self._bus.name}: sim_bridge was killed while its disk did not take its journal, and "
+                                f"came back without the last {self._tick - tick.tick} ticks; 'swarmscan reconstruct' "
+                                "makes the model of the pictures that are in the run folder.")
             if tick.again:
                 self._catch_up(tick)
             if tick.tick <= self._tick:

@@ -23,7 +23,7 @@ from missions.clock import BRIDGE, SimClock, Turn
 from missions.errors import LinkError, UserError
 from missions.messages import Join, PlanHash, PlanVerdict, SiteBrief, TickDone
 from missions.simulation import ClockSpec
-from sim_bridge.clock_server import ClockServer, Round
+from sim_bridge.clock_server import ClockServer, ClockState, Round
 from tests.loopback import free_endpoint
 
 HASH = "0123456789abcdef"
@@ -43,7 +43,7 @@ class Log:
 Work = Callable[[SimClock, Bus, Any], bool]
 
 
-def participant(name: str, endpoint: str, log: Log, work: Work) -> threading.Thread:
+def participant(name: str, endpoint: str, log: Log, work: Work, patience_s: float = 0.0) -> threading.Thread:
     """A process of the mission, as a thread; `work` handles a turn and says whether to go on."""
 
     def live() -> None:
@@ -51,7 +51,7 @@ def participant(name: str, endpoint: str, log: Log, work: Work) -> threading.Thr
             with Bus(name, "test", connect=endpoint) as bus:
                 bus.subscribe(topics.PLAN_HASH)
                 bus.subscribe(topics.PLAN_VERDICT)
-                clock = SimClock(bus, HASH)
+                clock = SimClock(bus, HASH, patience_s)
                 assert clock.join(JOIN_S) == SITE
                 while True:
                     turn = clock.next()
@@ -351,6 +351,29 @@ def test_the_participant_notices_that_the_bridge_is_gone() -> None:
         server.run_tick()
     thread.join(JOIN_S)
     assert isinstance(log.error, LinkError)
+
+
+@pytest.mark.parametrize("kept", [5, 3])
+def test_a_bridge_whose_journal_was_not_on_disk_ends_the_mission_instead_of_hanging(kept: int) -> None:
+    """Killed while its last steps waited in memory, it has a successor that knows less than those who took part."""
+    endpoint, log, past = free_endpoint(), Log(), list[ClockState]()
+    with Bus(BRIDGE, "test", listen=endpoint) as bus:
+        boot, server = bus.boot, ClockServer(bus, ClockSpec(), HASH, SITE)
+        thread = participant("ground", endpoint, log, steady, JOIN_S)
+        server.admit({"ground"}, JOIN_S)
+        for _ in range(5):
+            server.run_tick(record=past.append)
+    with Bus(BRIDGE, "test", listen=endpoint) as bus:
+        bus.boot, server = boot, ClockServer(bus, ClockSpec(), HASH, SITE)
+        server.readmit({"ground"}, past[:kept], JOIN_S)
+        went_on = [server.run_tick().participants for _ in range(2)]
+        server.run_tick(stop=True)
+    thread.join(JOIN_S)
+    assert not thread.is_alive()
+    assert went_on == [frozenset({"ground"} if kept == 5 else ())] * 2
+    assert (log.error is None) == (kept == 5)
+    if kept < 5:
+        assert "without the last 2 ticks" in str(log.error)
 
 
 def test_real_time_pacing_never_runs_ahead() -> None:
