@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import trimesh
+from typing import TYPE_CHECKING
 
 from missions.grid import VoxelGrid
 from missions.messages import SiteBrief
@@ -13,6 +12,9 @@ from missions.pads import geofence
 from missions.prior_file import load_prior, prior_file
 from missions.run_folder import RunFolder
 from planning.paths import MeshField, voxelised
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True)

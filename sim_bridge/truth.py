@@ -6,6 +6,7 @@ Nothing here is ever shown to the ground station or to a vehicle; the referee ju
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,7 @@ class Truth:
         """vertices_enu_m (n, 3), faces (m, 3) of the whole scene; obstacles as in the mission file."""
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
         self._scene.add_triangles(_tensor(vertices_enu_m, np.float32), _tensor(faces, np.uint32))
-        self._near = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
-        pieces, _ = without_slivers(np.asarray(vertices_enu_m, np.float64)[faces])
-        self._near.add_triangles(_tensor(pieces.reshape(-1, 3), np.float32),
-                                 _tensor(np.arange(3 * len(pieces)).reshape(-1, 3), np.uint32))
+        self._triangles_enu_m = np.asarray(vertices_enu_m, np.float64)[faces]
         self._obstacles = list(obstacles)
         self._center = np.array([o.center_enu_m for o in obstacles]).reshape(-1, 3)
         self._half = 0.5 * np.array([o.size_m for o in obstacles]).reshape(-1, 3)
@@ -90,6 +88,15 @@ class Truth:
         directions = camera.rays_camera().reshape(-1, 3) @ pose.enu_from_camera.T
         origins = np.broadcast_to(np.array(pose.position_enu_m), directions.shape)
         return self.cast(origins, directions, np.inf, t_ns).reshape(camera.height_px, camera.width_px)
+
+    @cached_property
+    def _near(self) -> Any:
+        """For distances, which nobody's clock waits for when a bridge takes another's place."""
+        near = o3d.t.geometry.RaycastingScene(nthreads=THREADS)
+        pieces, _ = without_slivers(self._triangles_enu_m)
+        near.add_triangles(_tensor(pieces.reshape(-1, 3), np.float32),
+                           _tensor(np.arange(3 * len(pieces)).reshape(-1, 3), np.uint32))
+        return near
 
     def _present(self, t_ns: NDArray[np.int64]) -> Mask:
         t = t_ns[:, None]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.intersections import slice_faces_plane
 
 from missions.frames import Array
 
@@ -86,6 +85,8 @@ def hit_triangles(a_enu_m: Array, b_enu_m: Array, triangles: Array) -> NDArray[n
 
 def clipped(triangles: Array, box: Box) -> Array:
     """(k, 3, 3) the parts of the triangles that lie in the box, cut by its six planes in turn (Eqs. 4.7 and 4.8)."""
+    from trimesh.intersections import slice_faces_plane  # a third of all that the ground station would import
+
     near = triangles[_overlapping(triangles, box)]
     vertices, faces = near.reshape(-1, 3), np.arange(3 * len(near)).reshape(-1, 3)
     for axis in range(3):
