@@ -32,6 +32,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 LEASE_MS = 30_000
 """A process may compute this long without letting its link breathe; one that is killed is missed at once, since its
 sockets close."""
+CONNECT_MS = 120_000
+"""Processes of a mission start together, and on a busy machine sim_bridge may listen a minute after the others ask."""
 PATIENCE_MS = 120_000
 """How long a publisher waits for a slow receiver before zenoh gives up the link and all that is queued on it."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
@@ -296,7 +298,7 @@ def _config(connect: str, listen: str) -> Any:
         "scouting/gossip/enabled": False,
         "listen/endpoints": [listen] if listen else [],
         "connect/endpoints": [connect] if connect else [],
-        "connect/timeout_ms": 20_000,
+        "connect/timeout_ms": CONNECT_MS,
         "connect/exit_on_failure": True,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 1000 * PATIENCE_MS,
