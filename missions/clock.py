@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 BRIDGE = "bridge"
 GROUND = "ground"
 SECOND_NS = 1_000_000_000
-PRESENCE_S = 10.0
+PRESENCE_S = 40.0
 """After the bridge has come back, how long those that it has heard of are waited for."""
 
 

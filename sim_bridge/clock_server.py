@@ -24,7 +24,7 @@ CATCH_UP_S = 1.0
 """A clock that is later than this, because somebody held it or computed for long, does not race to make up for it."""
 MAKES_UP_S = 0.05
 """A clock with a speed hurries to make up for this much lateness at most."""
-PRESENCE_S = 10.0
+PRESENCE_S = 40.0
 """Presence travels beside the Join and may come a moment after it."""
 
 
