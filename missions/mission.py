@@ -178,8 +178,8 @@ class ExploreSpec(Section, frozen=True, kw_only=True):
     """The network that imagines what is not seen yet learns in flight from what the map has come to know."""
     price_m2_per_m: NonNegative | None = None
     """Exploration ends when a metre of flight is expected to show less new surface than this; 0 flies on as long as any
-    view promises something. Left out: when 3 % of the surface that can be seen is believed missing at most and a metre
-    shows less than 10 % of what it has shown on average."""
+    view promises something. Left out: when a metre shows less than 10 % of what it has shown on average and 8 % of the
+    surface that can be seen is believed missing at most."""
 
 
 class SurveySpec(Section, frozen=True, kw_only=True):

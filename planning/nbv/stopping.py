@@ -25,7 +25,8 @@ class Price:
     m2_per_m: float | None = None
     """New surface; None: `share` of what a metre has brought on average so far, once no more than `missing` is left."""
     share: float = 0.1
-    missing: float = 0.03
+    missing: float = 0.08
+    """Promises are worth little while much is hidden behind legs that are not known yet."""
 
 
 @dataclass
