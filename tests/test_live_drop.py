@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ground_station.live.client import AsyncLiveMission, connect_async
+from ground_station import connect_async
+from ground_station.live.client import AsyncLiveMission
 from missions.live import Add, Drop, MoveFence, SetGoal, Start
 from tests.live_world import FLEET, flying, vehicle
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from ground_station.live.client import LiveMission, connect
+from ground_station import connect
+from ground_station.live.client import LiveMission
 from missions.live import LiveState
 from tests.live_world import FLEET, flying, vehicle
 

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from ground_station.live.client import connect
+from ground_station import connect
 from missions import live, topics
 from missions.bus import Bus
 from missions.clock import BRIDGE

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ground_station.live.client import connect
+from ground_station import connect
 from tests.live_world import FLEET, flying
 
 pytestmark = [pytest.mark.loopback, pytest.mark.xdist_group("live")]

@@ -14,9 +14,8 @@ import msgspec
 import pytest
 from playwright.sync_api import expect
 
-from ground_station import replay
+from ground_station import connect, replay
 from ground_station.journal import Journal, journalled_mission, read_head, read_turns
-from ground_station.live.client import connect
 from ground_station.live.playback import Playback
 from ground_station.processes import free_endpoint
 from ground_station.station import Station

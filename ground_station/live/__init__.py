@@ -1,1 +1,1 @@
-"""The live page of a mission, its feed, and the same for programs: `from ground_station.live.client import connect`."""
+"""The live page of a mission, its feed, and the same for programs: `from ground_station import connect`."""

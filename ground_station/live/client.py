@@ -1,6 +1,6 @@
 """A mission under way, for programs: watch it and act on it, as the live page does.
 
-    from ground_station.live.client import connect
+    from ground_station import connect
 
     with connect("runs/20260601T100000Z-bridge") as mission:
         answer = mission.pause(2)                     # returns when vehicle 2 has acknowledged it
