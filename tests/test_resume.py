@@ -19,7 +19,7 @@ import trimesh
 
 from ground_station import checkpoint, replay, resume
 from ground_station.after_flight import in_charge
-from ground_station.bench.recovery import wrong
+from ground_station.bench.mishaps import wrong
 from ground_station.checkpoint import Checkpoints
 from ground_station.drone import Drone, Stage
 from ground_station.fleet import Fleet

@@ -8,8 +8,6 @@ was flown is held against what may not happen: a view lost or taken twice, a pic
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import logging
 import math
 import os
@@ -23,16 +21,15 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import psutil
 from msgspec import structs
-from pymavlink.dialects.v20 import common as mav
 from rich.console import Console, Group
 from rich.table import Table
 
 from ground_station.after_flight import in_charge
+from ground_station.bench.mishaps import wrong
 from ground_station.mission_setup import add_mission_options, prepare
 from ground_station.processes import Flight, free_endpoint, process_table
 from missions import topics
@@ -42,10 +39,11 @@ from missions.console import print_result
 from missions.messages import Status, Tick
 from missions.mission import Mission
 from missions.run_folder import RunFolder
-from missions.tlog import read_tlog
 
 FLEET = "recovery"
 GIVE_UP_S = 60.0
+HOMEWARD_S = 1.5
+"""On the way home, which is short, kills come so soon after each other at most."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +95,14 @@ class Watch:
             self.lock.wait_for(lambda: self.over or (self.tick is not None and self.tick.t_ns >= t_s * SECOND_NS))
             return not self.over
 
+    def homeward(self, pause_s: float) -> bool:
+        """Wait until everybody is on the way home, and so long in simulated time; False when the mission is over
+        first."""
+        with self.lock:
+            self.lock.wait_for(lambda: self.over or self.phase == "return")
+            now_s = self.tick.t_ns / SECOND_NS if self.tick is not None else 0.0
+        return self.reach(now_s + pause_s)
+
     def end(self) -> None:
         """The mission is over."""
         with self.lock:
@@ -119,7 +125,8 @@ def main(argv: list[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     logging.getLogger("ground_station").setLevel(logging.CRITICAL)
     mission, run = prepare(options)
-    moments_s = moments(options.kills, options.over, options.seed)
+    moments_s = moments(options.kills - options.homeward, options.over, options.seed)
+    moments_s += [math.inf] * options.homeward
     recoveries, complaints = fly_and_kill(mission, run, options.process, moments_s, options.seed,
                                           Console(stderr=True, quiet=options.json))
     wrongs = {"complaints": complaints, **wrong(mission, run)}
@@ -141,7 +148,8 @@ def moments(kills: int, over_s: float, seed: int) -> list[float]:
 
 def fly_and_kill(mission: Mission, run: RunFolder, process: str, moments_s: list[float], seed: int,
                  console: Console) -> tuple[list[Recovery], list[str]]:
-    """Fly it; what became of every kill, and what the launcher complains of."""
+    """Fly it; what became of every kill, and what the launcher complains of. A moment that is inf is one on the way
+    home."""
     endpoint, watch = free_endpoint(), Watch()
     mission = structs.replace(mission, fleet=structs.replace(mission.fleet, restarts=len(moments_s)))
     run.endpoint.write_text(endpoint, encoding="ascii")
@@ -229,7 +237,9 @@ def _kill_again_and_again(victim: GroundStation | Restarted, watch: Watch, recov
     rng = np.random.default_rng([seed, 1])
     tick = watch.recovered(-1)
     for moment_s in moments_s:
-        if tick is None or not watch.reach(moment_s):
+        if tick is None:
+            break
+        if not (watch.reach(moment_s) if math.isfinite(moment_s) else watch.homeward(HOMEWARD_S * rng.random())):
             break
         watch.name = victim.choose(rng)
         if not watch.name:
@@ -257,35 +267,6 @@ def _median(values: list[float]) -> float | None:
     return round(statistics.median(values), 2) if values else None
 
 
-def wrong(mission: Mission, run: RunFolder) -> dict[str, Any]:
-    """What may not happen; nothing in any of these when all is well."""
-    with run.views_csv.open(encoding="utf-8") as f:
-        kept = Counter(int(row["view_id"]) for row in csv.DictReader(f))
-    taken = Counter(json.loads(card.read_bytes())["view_id"] for card in run.root.glob("sd_card_uav*/*.json"))
-    flight = json.loads(run.flight.read_text(encoding="utf-8"))
-    referee = json.loads(run.referee.read_text(encoding="utf-8"))
-    lost = {v: o for v, o in flight["outcomes"].items() if o == "flown" and not kept[int(v)]}
-    return {"views_taken_twice": [v for v, n in taken.items() if n > 1],
-            "pictures_kept_twice": [v for v, n in kept.items() if n > 1],
-            "pictures_lost": sorted((taken - kept).keys()), "views_without_picture": lost,
-            "views_without_outcome": [v for v, o in flight["outcomes"].items() if not o],
-            "armed_in_the_air_s": armed_in_the_air(mission, run), "collisions": referee["collisions"]}
-
-
-def armed_in_the_air(mission: Mission, run: RunFolder) -> list[float]:
-    """When a vehicle was told to arm that said it was in the air, simulated seconds."""
-    aloft: dict[int, bool] = {}
-    found = []
-    for t_s, message in read_tlog(run.tlog, mission.clock.epoch_utc):
-        kind = message.get_type()
-        if kind == "EXTENDED_SYS_STATE":
-            aloft[message.get_srcSystem()] = message.landed_state != mav.MAV_LANDED_STATE_ON_GROUND
-        elif (kind == "COMMAND_LONG" and message.command == mav.MAV_CMD_COMPONENT_ARM_DISARM
-              and aloft.get(message.target_system)):
-            found.append(round(t_s, 2))
-    return found
-
-
 def _table(recoveries: Sequence[Recovery]) -> Table:
     table = Table("kill", "process", "phase", "at (simulated s)", "recovered after (s)", "of it processor (s)",
                   "absent (simulated s)")
@@ -302,8 +283,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--process", choices=(GROUND, BRIDGE, "vehicle"), default=GROUND,
                         help="whom to kill; of the vehicles any (default %(default)s)")
     parser.add_argument("--kills", type=int, default=20, help="(default %(default)s)")
+    parser.add_argument("--homeward", type=int, default=0, metavar="N",
+                        help="of the kills so many come when everybody is on the way home (default %(default)s)")
     parser.add_argument("--over", type=float, default=80.0, metavar="S",
-                        help="simulated seconds that the kills are spread over (default %(default)s)")
+                        help="simulated seconds that the other kills are spread over (default %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of the moments (default %(default)s)")
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     return parser
