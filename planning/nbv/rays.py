@@ -140,8 +140,9 @@ def first_hits(state, wanted, start, directions, reach):
 
 
 @nb.njit(cache=True)
-def segment_blocked(state, free, start, end, tolerance):
-    """Whether any voxel that is not `free` lies between start and `tolerance` before end; outside the grid blocks."""
+def segment_blocked(state, free, solid, start, end, tolerance, guess):
+    """Whether any voxel that is not `free` lies between start and `guess` before end, or a `solid` one between there
+    and `tolerance` before end; outside the grid blocks. guess >= tolerance, in voxels."""
     direction = end - start
     length = math.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     reach = length - tolerance
@@ -150,7 +151,7 @@ def segment_blocked(state, free, start, end, tolerance):
     voxel, walls, spans, steps = walk(start, direction / length)
     t = 0.0
     while t < reach:
-        if not inside(state.shape, voxel) or state[voxel] != free:
+        if not inside(state.shape, voxel) or state[voxel] == solid or (state[voxel] != free and t < length - guess):
             return True
         voxel, t, walls = next_voxel(voxel, walls, spans, steps)
     return False
