@@ -208,6 +208,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunFolder,
     for process in (flight, *others):
         with suppress(psutil.NoSuchProcess):
             process.kill()
+    for process in (flight, *killer.heirs):
+        process.wait()
 
 
 @pytest.mark.loopback
