@@ -44,6 +44,8 @@ NARROW_PX = 10.0
 """The band of a second look, once poses are adjusted, in a picture 1920 pixels wide."""
 LEAST_NARROW = 20
 """Matches of a pair then: fewer agree by chance so near to the line."""
+LARGE_SHARE = 0.1
+"""Of all pictures, in a group: where none is smaller, a second look at the building gained nothing."""
 UNKNOWN_LENS_PX, UNKNOWN_LENS_EPIPOLAR_PX = 60.0, 12.0
 """A lens that nobody has measured puts points as far from where a pinhole would, in a picture 1920 pixels wide: at
 most, and where most of them are."""
@@ -77,8 +79,8 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
     band_px = max(MIN_BAND_PX, BAND_SIGMAS * accuracy.pixels(pictures[0].camera, distance_m))
     with single_threaded_libraries(), ThreadPoolExecutor(threads) as pool:
         seen = []
-        for found in pool.map(features, pictures):
-            seen.append(found)
+        for of_picture in pool.map(features, pictures):
+            seen.append(of_picture)
             progress("features", len(seen), len(pictures))
         optics = Optics(pictures[0].camera, lens)
         if calibrate:
@@ -86,11 +88,13 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
         matches = _matches(pictures, seen, optics, distance_m, band_px, MAX_EPIPOLAR_PX, pool, progress)
         everything = _accompanied(pictures, list(explored), seen, matches, optics, distance_m, band_px, pool, progress)
         progress("adjust", 0, 2)
-        first = adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate)
+        found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate, list(control))
         progress("adjust", 1, 2)
-        matches = _second_look(everything, seen, matches, first, distance_m, band_px, pool)
-        adjusted = of_the_first(adjust(everything, seen, matches, accuracy, 0.5 * band_px, first.optics, calibrate,
-                                       list(control)), len(pictures))
+        joined = _joined(found, len(everything))
+        if not joined.all():
+            matches = _second_look(everything, seen, matches, found, joined, distance_m, band_px, pool)
+            found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, found.optics, calibrate, list(control))
+    adjusted = of_the_first(found, len(pictures))
     measured = pictures if adjusted.carried is None else carried_by(adjusted.carried, pictures)
     write_alignment(folder, key, pictures, _judged(measured, adjusted, accuracy), adjusted)
     progress("adjust", 2, 2)
@@ -186,11 +190,10 @@ def _accompanied(pictures: list[SurveyPicture], explored: list[SurveyPicture], s
 
 
 def _second_look(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
-                 found: Adjusted, distance_m: float, band_px: float,
+                 found: Adjusted, together: NDArray[np.bool_], distance_m: float, band_px: float,
                  pool: ThreadPoolExecutor) -> dict[tuple[int, int], Matches]:
-    """Pictures that were adjusted together matched anew, nearer to the lines of their poses by now; the others tied to
-    the points of these."""
-    together = _groups(found, len(pictures)) == 0
+    """Pictures that were adjusted together (n,) matched anew, nearer to the lines of their poses by now; the others
+    tied to the points of these."""
     now = [replace(p, enu_from_camera=found.enu_from_camera[i], position_enu_m=found.position_enu_m[i])
            for i, p in enumerate(pictures)]
     pairs = _pairs(now, distance_m, PARTNERS, np.flatnonzero(together).tolist())
@@ -200,6 +203,12 @@ def _second_look(pictures: list[SurveyPicture], seen: list[Features], matches: d
     again = _match_pairs(pairs, now, seen, found.optics, narrow, MAX_EPIPOLAR_PX, pool, lambda done, total: None,
                          LEAST_NARROW)
     return tied(now, seen, others | again, found, together, band_px)
+
+
+def _joined(found: Adjusted, pictures: int) -> NDArray[np.bool_]:
+    """(n,) which pictures are in a group that is large enough to hold its own."""
+    groups = _groups(found, pictures)
+    return np.asarray(np.bincount(groups)[groups] >= LARGE_SHARE * pictures)
 
 
 def _apart(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[np.bool_]:
