@@ -75,7 +75,7 @@ def shown(pose: Pose, patches: Patches, grid: VoxelGrid, spec: SightSpec) -> NDA
 
 def test_nearly_every_patch_is_in_three_pictures(plan: SurveyPlan) -> None:
     assert len(plan.poses) <= 160
-    assert plan.coverable[plan.patches.open].mean() > 0.95
+    assert plan.coverable.mean() > 0.95
     assert plan.covered_share(1) > 0.98
     assert plan.covered_share(3) > 0.9
 
@@ -149,30 +149,13 @@ def test_patches_tell_every_face_next_to_free_space_once() -> None:
     assert patches.voxels[top & deck & (patches.position_enu_m[:, 2] < 7.5)].sum() == 40 * 14 - 1
 
 
-def test_a_rim_of_the_unknown_at_the_foot_of_a_wall_is_asked_for() -> None:
-    known = bridge()
-    x, y, z = np.moveaxis(known.centers(np.stack(np.indices(known.state.shape), axis=-1)), -1, 0)
-    rim = VoxelGrid(known.origin_enu_m, known.voxel_m, known.state.copy())
-    rim.state[(known.state == FREE) & (z < 2.0) & (abs(abs(x) - 6) < 2.5) & (abs(y) < 4.5)] = UNKNOWN
-    positions = allowed_positions(known)
-    foot = {}
-    for name, grid in (("known", known), ("rim", rim)):
-        plan = plan_survey(grid, positions, CAMERA, OBJECT_MIN, OBJECT_MAX, SurveyViewSpec())
-        where, facing = plan.patches.position_enu_m, plan.patches.normal_enu
-        low = (where[:, 2] < 1.5) & (facing[:, 0] > 0.9) & (abs(where[:, 0] - 7) < 0.6) & (abs(where[:, 1]) < 2.5)
-        assert plan.patches.open[low].all() == (name == "known")
-        foot[name] = (plan.pictures[low] >= 3).mean()
-    assert foot["rim"] >= 0.8 * foot["known"] > 0.5
-
-
-@pytest.mark.parametrize(("between", "layer", "visible"), [
-    (FREE, 10, True), (UNKNOWN, 10, False), (OCCUPIED, 10, False), (UNKNOWN, 5, True), (OCCUPIED, 5, False)])
-def test_unknown_space_is_looked_through_before_the_patch_alone(between: int, layer: int, visible: bool) -> None:
+@pytest.mark.parametrize(("between", "visible"), [(FREE, True), (UNKNOWN, False), (OCCUPIED, False)])
+def test_only_known_free_space_is_looked_through(between: int, visible: bool) -> None:
     grid = VoxelGrid.unknown(np.zeros(3), np.full(3, 12.0), 0.5)
     grid.state[:] = FREE
     grid.state[:2] = OCCUPIED
-    grid.state[layer] = between
-    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]), np.array([True]))
+    grid.state[10] = between
+    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]))
     sightings = find_sightings(grid, wall, np.array([[8.0, 6.1, 6.1]]), SightSpec(), 12.0)
     assert (len(sightings.patch) == 1) == visible
 
@@ -182,7 +165,7 @@ def test_unknown_space_is_looked_through_before_the_patch_alone(between: int, la
 def test_distance_and_incidence_limit_sightings(position: tuple[float, float, float], visible: bool) -> None:
     grid = VoxelGrid.unknown(np.zeros(3), np.full(3, 12.0), 0.5)
     grid.state[:], grid.state[:2] = FREE, OCCUPIED
-    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]), np.array([True]))
+    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]))
     assert (len(find_sightings(grid, wall, np.array([position]), SightSpec(), 12.0).patch) == 1) == visible
 
 
@@ -191,7 +174,7 @@ def test_distance_and_incidence_limit_sightings(position: tuple[float, float, fl
 def test_a_sighting_counts_by_the_resolution_asked_for(position: tuple[float, float, float], quality: float) -> None:
     grid = VoxelGrid.unknown(np.zeros(3), np.full(3, 12.0), 0.5)
     grid.state[:], grid.state[:2] = FREE, OCCUPIED
-    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]), np.array([True]))
+    wall = Patches(np.array([[0.9, 6.1, 6.1]]), np.array([[1.0, 0.0, 0.0]]), np.array([4]))
     assert find_sightings(grid, wall, np.array([position]), SightSpec(), 6.0).quality == pytest.approx([quality])
 
 

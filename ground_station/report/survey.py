@@ -28,9 +28,7 @@ def survey_part(data: RunData) -> str:
     keys = "".join(f"<span class=key style='background:rgb{colour}'></span>{n}{' or more' * (n == len(COLOURS) - 1)}"
                    for n, colour in enumerate(COLOURS))
     wanted = data.mission.survey.pictures_per_patch
-    known = found.patches.open
-    in_one, in_enough = (float(np.average(found.pictures[known] >= n, weights=found.patches.voxels[known]))
-                         for n in (1, wanted))
+    in_one, in_enough = (float(np.average(found.pictures >= n, weights=found.patches.voxels)) for n in (1, wanted))
     lead = (f"The explored surface by the number of survey pictures that show it well, by the map; {wanted} are asked "
             f"for. {percent(in_one)} of it is in one or more, {percent(in_enough)} in {wanted} or more.")
     return section("What the survey shows", lead, f"<small>Pictures:{keys}</small>" + row(by_pictures(found)))
@@ -44,15 +42,13 @@ def shown(data: RunData) -> SurveyPlan | None:
     box = surface_box(data.mission, msgspec.convert(data.flight["site"], SiteBrief))
     found = plan_survey(data.grid(), np.zeros((0, 3)), data.mission.camera.survey_camera(), *box,
                         SurveyViewSpec.of(data.mission.survey), [v.pose for v in views])
-    return found if found.patches.open.any() else None
+    return found if len(found.patches) else None
 
 
 def by_pictures(found: SurveyPlan) -> list[tuple[str, Pixels]]:
-    """The patches from every side, coloured by the number of pictures that show them; without those of which nobody
-    knows whether they lie open."""
-    known = found.patches.open
-    colours = np.array(COLOURS, dtype=np.uint8)[np.minimum(found.pictures[known], len(COLOURS) - 1)]
-    points = found.patches.position_enu_m[known].astype(np.float32)
+    """The patches from every side, coloured by the number of pictures that show them."""
+    colours = np.array(COLOURS, dtype=np.uint8)[np.minimum(found.pictures, len(COLOURS) - 1)]
+    points = found.patches.position_enu_m.astype(np.float32)
     size_m = SurveyViewSpec().patch_m
     return [(s.name, splat(points, colours, math.radians(s.yaw_deg), math.radians(s.elevation_deg), WIDTH_PX, size_m))
             for s in SIDES]

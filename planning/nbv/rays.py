@@ -140,9 +140,8 @@ def first_hits(state, wanted, start, directions, reach):
 
 
 @nb.njit(cache=True)
-def segment_blocked(state, free, solid, start, end, tolerance, guess):
-    """Whether any voxel that is not `free` lies between start and `guess` before end, or a `solid` one between there
-    and `tolerance` before end; outside the grid blocks. guess >= tolerance, in voxels."""
+def segment_blocked(state, free, start, end, tolerance):
+    """Whether any voxel that is not `free` lies between start and `tolerance` before end; outside the grid blocks."""
     direction = end - start
     length = math.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     reach = length - tolerance
@@ -151,7 +150,7 @@ def segment_blocked(state, free, solid, start, end, tolerance, guess):
     voxel, walls, spans, steps = walk(start, direction / length)
     t = 0.0
     while t < reach:
-        if not inside(state.shape, voxel) or state[voxel] == solid or (state[voxel] != free and t < length - guess):
+        if not inside(state.shape, voxel) or state[voxel] != free:
             return True
         voxel, t, walls = next_voxel(voxel, walls, spans, steps)
     return False

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from missions.frames import Array
-from missions.grid import FREE, OCCUPIED, VoxelGrid
+from missions.grid import FREE, VoxelGrid
 from planning.nbv.patches import Patches
 from planning.nbv.rays import segment_blocked
 
@@ -28,13 +28,6 @@ class SightSpec:
     75 degrees are a little worse."""
     tolerance_voxels: float = 2.0
     """How far before the patch the line of sight may end: measured surface is a voxel or two thick, unknown behind."""
-    shut_tolerance_voxels: float = 1.0
-    """The same for patches with nothing known before them, whatever the incidence: a line of sight that may end
-    earlier comes through thin members to their inner sides."""
-    guess_m: float = 3.0
-    """So near before the patch the line of sight may cross what is not known, but nothing solid: at the foot of walls
-    and between girders exploration often leaves a rim of it, behind which the survey would take no pictures. 2 and
-    4.5 m bring less."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +44,7 @@ class Sightings:
 
 def find_sightings(grid: VoxelGrid, patches: Patches, positions_enu_m: Array, spec: SightSpec,
                    sharp_m: float) -> Sightings:
-    """All pairs within the distances and the incidence limit, with nothing between them that is solid or, farther than
-    spec.guess_m before the patch, not known to be free.
+    """All pairs within the distances and the incidence limit, with nothing between them that is not known free.
 
     sharp_m: distance up to which a picture, taken head on, has the resolution asked for: that times the focal length.
     """
@@ -65,18 +57,15 @@ def find_sightings(grid: VoxelGrid, patches: Patches, positions_enu_m: Array, sp
     facing = np.einsum("ij,ij->i", towards, patches.normal_enu[patch])
     good = (distance >= spec.nearest_m) & (facing >= math.cos(math.radians(spec.incidence_deg)))
     patch, position, towards, distance, facing = (x[good] for x in (patch, position, towards, distance, facing))
-    tolerance = np.where(patches.open[patch], spec.tolerance_voxels / np.maximum(facing, 0.5),
-                         spec.shut_tolerance_voxels)
-    good = ~_blocked(grid.state, (positions_enu_m - grid.origin_enu_m) / grid.voxel_m,
+    good = ~_blocked(grid.state, FREE, (positions_enu_m - grid.origin_enu_m) / grid.voxel_m,
                      (patches.position_enu_m - grid.origin_enu_m) / grid.voxel_m, position, patch,
-                     tolerance, spec.guess_m / grid.voxel_m)
+                     spec.tolerance_voxels / np.maximum(facing, 0.5))
     return Sightings(patch[good], position[good], towards[good], np.minimum(1.0, sharp_m * facing / distance)[good])
 
 
 @nb.njit(cache=True, parallel=True)
-def _blocked(state, eyes, targets, eye, target, tolerance, guess):  # type: ignore[no-untyped-def]
+def _blocked(state, free, eyes, targets, eye, target, tolerance):  # type: ignore[no-untyped-def]
     result = np.zeros(len(eye), dtype=np.bool_)
     for s in nb.prange(len(eye)):
-        result[s] = segment_blocked(state, FREE, OCCUPIED, eyes[eye[s]], targets[target[s]], tolerance[s],
-                                    max(guess, tolerance[s]))
+        result[s] = segment_blocked(state, free, eyes[eye[s]], targets[target[s]], tolerance[s])
     return result
