@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ground_station.live import panel
+from ground_station.live.framing import MARGIN, stand_back
 from ground_station.live.model import LiveModel
 from ground_station.live.sightings import Sightings
 from ground_station.live.surface import STEPS, open_faces
@@ -280,3 +281,19 @@ def test_where_the_mission_leaves_room_what_lies_beyond_its_fence_stays_closed_u
 def test_what_is_important_counts_more() -> None:
     interest = Interest(np.array([[0.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0]]))
     assert interest.weights_at(np.array([[0.5, 0.5, 0.5], [1.5, 0.5, 0.5]])).tolist() == [interest.weight, 1.0]
+
+
+@given(st.lists(st.tuples(*[st.floats(-60.0, 60.0)] * 3), min_size=1, max_size=5), st.floats(0.4, 2.5))
+def test_a_camera_that_steps_back_has_everything_in_its_picture_and_looks_where_it_looked(
+        places: list[tuple[float, float, float]], aspect: float) -> None:
+    position, look_at, up, fov_rad = np.array([29.0, -56.0, 39.0]), np.array([0.0, -4.0, 8.0]), np.eye(3)[2], 1.3
+    there = stand_back(position, look_at, up, fov_rad, aspect, np.array(places))
+    away, before = there - look_at, position - look_at
+    assert np.linalg.norm(away) >= np.linalg.norm(before) - 1e-9
+    assert np.allclose(np.cross(away, before), 0.0, atol=1e-6 * np.linalg.norm(away) * np.linalg.norm(before))
+    ahead = -away / np.linalg.norm(away)
+    right = np.cross(ahead, up) / np.linalg.norm(np.cross(ahead, up))
+    seen = (np.array(places) - there) @ np.stack([right, np.cross(right, ahead), ahead], axis=1)
+    half = np.tan(0.5 * fov_rad) * MARGIN * (1.0 + 1e-6) * seen[:, 2]
+    assert (np.abs(seen[:, 0]) <= half * aspect + 1e-6).all()
+    assert (np.abs(seen[:, 1]) <= half + 1e-6).all()

@@ -7,14 +7,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 from msgspec import structs
 from playwright.sync_api import Page, expect
+from viser.transforms import SO3
 
 from ground_station.live.page import FRAME_S, LivePage
 from ground_station.live.synthetic import SyntheticMission
 from missions import live
+from missions.frames import Array
 from missions.live import LiveRegion, LiveState, OperatorAnswer
+from missions.messages import Vector
 from tests.live_browser import NEEDS_BROWSER, keep, tab_at
 
 pytestmark = [pytest.mark.xdist_group("loopback"), NEEDS_BROWSER]
@@ -105,3 +109,55 @@ def test_every_button_asks_for_what_it_says_and_the_dangerous_ones_ask_once(tmp_
         live.ClearRegion(region_id=7),
         live.MoveFence(lower_enu_m=fence.fence_lower_enu_m, upper_enu_m=fence.fence_upper_enu_m),
         live.SetGoal(coverage=0.95), live.Abort()]
+
+
+def test_a_corner_of_the_fence_is_in_view_and_goes_where_it_is_dragged(tmp_path: Path) -> None:
+    mission = Asked(tmp_path)
+    with served(mission) as page_of, tab_at(page_of.port) as page:
+        press(page, "Move fence corners")
+        page.get_by_role("button", name="Apply the fence").wait_for()
+        x, y, up = mission._state().fence_upper_enu_m
+        moved = drag(page, page_of, np.array((x, y, up + 4.0)), np.array((x, y, up + 9.0)))
+        keep(page, tmp_path, "fence")
+        press(page, "Apply the fence")
+        press(page, "Yes, move the fence out")
+        done(page, "MoveFence")
+    asked = mission.actions[-1]
+    assert isinstance(asked, live.MoveFence)
+    assert asked.upper_enu_m == moved
+    assert asked.lower_enu_m == mission._state().fence_lower_enu_m
+    assert moved[:2] == (x, y)
+    assert moved[2] > up + 1.0
+
+
+def drag(page: Page, page_of: LivePage, here_enu_m: Array, there_enu_m: Array) -> Vector:
+    """Pull the handle under a place until the box has followed; its upper corner then."""
+    controls = page_of._controls
+    assert controls is not None
+    while controls._tool is None:
+        page.wait_for_timeout(100)
+    before = controls._tool.box
+    while controls._tool.box == before:  # a browser that draws slowly has not drawn the handle yet
+        page.mouse.move(*on_screen(page, page_of, here_enu_m))
+        page.mouse.down()
+        page.mouse.move(*on_screen(page, page_of, there_enu_m), steps=5)
+        page.mouse.up()
+        for _ in range(100):
+            if controls._tool.box != before:
+                break
+            page.wait_for_timeout(100)
+    while (now := controls._tool.box) != before:
+        before = now
+        page.wait_for_timeout(2000)
+    return now[1]
+
+
+def on_screen(page: Page, page_of: LivePage, place_enu_m: Array) -> tuple[float, float]:
+    """Where the only browser shows a place."""
+    (client,) = page_of._server.get_clients().values()
+    canvas = page.locator("canvas").first.bounding_box()
+    assert canvas is not None
+    x, y, ahead = SO3(np.array(client.camera.wxyz)).inverse().as_matrix() @ (place_enu_m - client.camera.position)
+    focal_px = 0.5 * canvas["height"] / np.tan(0.5 * client.camera.fov)
+    return (float(canvas["x"] + 0.5 * canvas["width"] + focal_px * x / ahead),
+            float(canvas["y"] + 0.5 * canvas["height"] + focal_px * y / ahead))

@@ -10,17 +10,17 @@ from ground_station.live.map_in_scene import box_edges
 from missions.messages import Vector, vector
 
 LEAST_M = 0.5
+HANDLE_PX = 90.0
 
 
 class BoxTool:
     """Two corners to drag and the box between them."""
 
     def __init__(self, scene: viser.SceneApi, lower: Vector, upper: Vector, colour: Rgb) -> None:
-        span = float(np.linalg.norm(np.subtract(upper, lower)))
         self._edges = scene.add_line_segments("/tool/box", box_edges(lower, upper), colour, thickness=3.0,
                                               thickness_units="screen")
         self._corners = [scene.add_transform_controls(
-            f"/tool/corner_{n}", scale=float(np.clip(0.15 * span, 2.0, 6.0)), position=corner,
+            f"/tool/corner_{n}", scale=HANDLE_PX, fixed=True, position=corner,
             disable_rotations=True, disable_sliders=True, depth_test=False)
             for n, corner in enumerate((lower, upper))]
         for corner in self._corners:

@@ -11,6 +11,7 @@ import viser
 
 from ground_station.live.box_tool import BoxTool
 from ground_station.live.colours import FENCE, FORBIDDEN, IMPORTANT
+from ground_station.live.framing import step_back
 from ground_station.live.map_in_scene import COLOURS, DETAIL
 from ground_station.live.panel import answer_html, speed_words
 from missions import live
@@ -122,9 +123,11 @@ class Controls:
             self._button("Add", lambda: live.Add(vehicle_id=k), "green", then=close)
 
     def _region_buttons(self) -> None:
-        self._button("Mark important", lambda: self._draw("important"), None, viser.Icon.STAR)
-        self._button("Mark forbidden", lambda: self._draw("forbidden"), None, viser.Icon.BAN)
-        self._button("Move fence corners", lambda: self._draw("fence"), None, viser.Icon.FENCE)
+        for label, kind, icon in (("Mark important", "important", viser.Icon.STAR),
+                                  ("Mark forbidden", "forbidden", viser.Icon.BAN),
+                                  ("Move fence corners", "fence", viser.Icon.FENCE)):
+            button = self._gui.add_button(label, icon=icon)
+            button.on_click(lambda event, kind=kind: self._draw(kind, event.client))  # type: ignore[misc]
         self._apply = self._button("Apply the box", lambda: None, "green", viser.Icon.CHECK)
         self._cancel = self._button("Cancel", self._put_away, "gray")
         self._apply.visible = self._cancel.visible = False
@@ -133,14 +136,16 @@ class Controls:
         self._forget.visible = False
         self._apply.on_click(self._applied)
 
-    def _draw(self, kind: str) -> None:
-        """Put a box into the scene whose corners can be dragged."""
+    def _draw(self, kind: str, client: viser.ClientHandle | None) -> None:
+        """Put a box into the scene whose corners can be dragged, and where who asked for it can see them."""
         self._put_away()
         self._kind = kind
         state = self._state
         corners = (state.fence_lower_enu_m, state.fence_upper_enu_m) if kind == "fence" else self._box_m
         colour = {"important": IMPORTANT, "forbidden": FORBIDDEN}.get(kind, FENCE)
         self._tool = BoxTool(self._server.scene, *corners, colour)
+        if client is not None:
+            step_back(client.camera, np.array(corners))
         self._apply.label = {"fence": "Apply the fence"}.get(kind, f"Apply: {kind}")
         self._apply.visible = self._cancel.visible = True
 
