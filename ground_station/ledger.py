@@ -75,12 +75,13 @@ class ViewLedger:
         self._gave_up.pop(view_id, None)
 
     def release(self, view_id: int, reason: str, detail: str = "") -> None:
-        """Its holder will not fly it (energy, lost vehicle, refused plan)."""
+        """Its holder will not fly it (energy, lost vehicle, refused plan). Without a detail, what kept an earlier
+        holder from it stays told."""
         entry = self._entries[view_id]
         if entry.outcome or entry.holder is None:
             return
         self._gave_up[view_id] = (entry.holder, reason)
-        entry.holder, entry.detail = None, detail
+        entry.holder, entry.detail = None, detail or entry.detail
 
     def blocked(self, view_id: int, detail: str) -> None:
         """Its holder found it blocked: somebody else may try, up to MAX_BLOCKED in all."""

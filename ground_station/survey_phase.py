@@ -206,7 +206,7 @@ class SurveyPhase:
         usable = self._control.usable_percent(drone, exploring=False) if drone.available else 0.0
         k, energy = drone.vehicle_id, self._control.energy
         take_off = energy.take_off_percent(k)
-        return Flyer(k, place, drone.hover_enu_m, usable if drone.airborne else usable - take_off,
+        return Flyer(k, place, drone.hover_enu_m, usable if drone.airborne else max(0.0, usable - take_off),
                      0 if drone.dropped else drone.swaps_left, energy.at_home_percent(k), take_off)
 
 

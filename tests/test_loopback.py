@@ -196,7 +196,7 @@ def test_the_ground_station_never_opens_the_scene(flown: tuple[RunFolder, list[s
             ("sim_bridge", "vehicle")] == []
 
 
-@pytest.mark.parametrize("kill_at_s", [31.8, 37.2], ids=["beside_its_views", "away_from_them"])
+@pytest.mark.parametrize("kill_at_s", [26.0, 31.8], ids=["with_many_views_left", "beside_its_views"])
 def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path, kill_at_s: float) -> None:
     run, complaints = fly(tmp_path, ["explore.max_views=6", "fleet.restarts=0"],
                           environment={KILL_AT_S: str(kill_at_s)}, modules={"uav1": "tests.killed_vehicle"})
@@ -205,12 +205,15 @@ def test_a_killed_vehicles_views_are_flown_by_the_other(tmp_path: Path, kill_at_
     record = flight_of(run)
     assert record["phases"]["survey"]["start_s"] < kill_at_s
     assert json.loads(run.referee.read_text())["collisions"] == 0
-    assert {(r["from"], r["to"]) for r in record["reassignments"]} == {(1, 2)}
-    # the dead vehicle may hover where views of its own were to be taken
+    # until the dead vehicle counts as lost it may still get what the other has no way to
+    moved = {(r["from"], r["to"]): {m["view_id"] for m in record["reassignments"] if m["from"] == r["from"]}
+             for r in record["reassignments"]}
+    assert {(1, 2)} <= set(moved) <= {(1, 2), (2, 1)}
+    # it may hover where views were to be taken
     kept_away = {int(v) for v, outcome in record["outcomes"].items() if outcome != "flown"}
     reasons = {v: record["outcome_details"][str(v)] for v in kept_away}
-    assert {v: why for v, why in reasons.items() if not why.endswith(LOST_TEAMMATE)} == {}
-    handed_over = {r["view_id"] for r in record["reassignments"]} - kept_away
+    assert {v: why for v, why in reasons.items() if LOST_TEAMMATE not in why} == {}
+    handed_over = moved[1, 2] - moved.get((2, 1), set()) - kept_away
     assert handed_over
     assert handed_over <= set(record["tours"]["2"])
     with np.load(run.trajectories) as tracks:
