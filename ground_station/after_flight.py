@@ -14,7 +14,8 @@ from missions.run_folder import RunFolder
 
 log = logging.getLogger(__name__)
 
-STAGES = ("reconstruct", "evaluate", "report")
+STAGES = ("reconstruct", "report")
+"""The report measures, too: `swarmscan evaluate` is for those who want no page."""
 
 
 @contextmanager

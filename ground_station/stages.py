@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from ground_station import cloud_evaluation, photograph_stage
 from ground_station.control_file import copy_control, read_control
 from ground_station.reconstruction import Tell, reconstruct_run
-from ground_station.report.measure import measure
+from ground_station.report.measure import Measured, measure
 from ground_station.report.metrics import assemble
 from ground_station.report.page import write_page
 from ground_station.report.run_data import RunData, read_run
@@ -28,22 +28,26 @@ from missions.run_folder import RunFolder
 
 def evaluate_run(run: RunFolder) -> dict[str, Any]:
     """Measure the cloud against the truth and write metrics.json, which is returned; null where unknown."""
+    return _write_metrics(*_measured(run))
+
+
+def report_run(run: RunFolder) -> dict[str, Any]:
+    """Measure, and write report.html from whatever the run folder holds; metrics.json also where that fails."""
+    data, measured = _measured(run)
+    document = _write_metrics(data, measured)
+    started = time.monotonic()
+    write_page(data, measured, document)
+    result = _finish(run, "report", started, {"report": str(run.report)})
+    _write_metrics(data, measured)
+    return result
+
+
+def _measured(run: RunFolder) -> tuple[RunData, Measured | None]:
     started = time.monotonic()
     data = read_run(run)
     measured = measure(data)
     _finish(run, "evaluate", started, {})
-    return _write_metrics(data, assemble(data, measured))
-
-
-def report_run(run: RunFolder) -> dict[str, Any]:
-    """Write report.html from whatever the run folder holds, and add the stage's own time to metrics.json."""
-    started = time.monotonic()
-    data = read_run(run)
-    measured = measure(data)
-    write_page(data, measured, assemble(data, measured))
-    result = _finish(run, "report", started, {"report": str(run.report)})
-    _write_metrics(data, assemble(data, measured))
-    return result
+    return data, measured
 
 
 def _finish(run: RunFolder, name: str, started: float, result: dict[str, Any]) -> dict[str, Any]:
@@ -52,7 +56,8 @@ def _finish(run: RunFolder, name: str, started: float, result: dict[str, Any]) -
     return {**result, "wall_s": wall_s}
 
 
-def _write_metrics(data: RunData, document: dict[str, Any]) -> dict[str, Any]:
+def _write_metrics(data: RunData, measured: Measured | None) -> dict[str, Any]:
+    document = assemble(data, measured)
     data.run.metrics.write_text(json.dumps(document, indent=1), encoding="utf-8")
     return document
 
