@@ -32,7 +32,8 @@ SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swi
 WIDTH_PX, HEIGHT_PX = 1280, 800
 WATCH_DRAWING = """(() => { const draw = WebGL2RenderingContext.prototype.drawElements;
   let drawn = false; window.framesDrawn = 0;
-  const frame = () => { window.framesDrawn += drawn; drawn = false; requestAnimationFrame(frame); };
+  const frame = () => { window.framesDrawn += drawn; drawn = false; requestAnimationFrame(frame);
+    if (document.querySelector("[data-vehicle]")) window.firstPanelMs ??= performance.now(); };
   requestAnimationFrame(frame);
   WebGL2RenderingContext.prototype.drawElements = function (mode, count, ...rest) {
     drawn = true;
@@ -40,7 +41,8 @@ WATCH_DRAWING = """(() => { const draw = WebGL2RenderingContext.prototype.drawEl
       requestAnimationFrame(() => { window.firstVehicleMs ??= performance.now(); });
     return draw.call(this, mode, count, ...rest); }; })()"""
 """Counts frames in which the scene was drawn (a browser also calls for frames with nothing to draw), and notes when a
-mesh with as many corners as a vehicle has was first drawn where it can be seen, since navigation began."""
+mesh with as many corners as a vehicle has was first drawn where it can be seen, and when the panel first told how
+vehicles are, since navigation began."""
 COUNT_FRAMES = """seconds => new Promise(done => { const frames = framesDrawn, start = performance.now();
   setTimeout(() => done((framesDrawn - frames) / (performance.now() - start) * 1000), 1000 * seconds); })"""
 HEAP_MIB = "() => { gc(); gc(); return performance.memory.usedJSHeapSize / 1048576; }"
@@ -108,7 +110,7 @@ def measure(vehicles: int, minutes: float, faster: float, chromium: str, folder:
     page = LivePage(mission, 0)
     heap: dict[str, float] = {}
     try:
-        with Feeder(mission, page) as feeder, browser_tab(chromium, page.port) as (tab, shown_s):
+        with Feeder(mission, page) as feeder, browser_tab(chromium, page.port) as (tab, told_s, shown_s):
             fps = tab.evaluate(COUNT_FRAMES, SETTLE_S)
             feeder.step_s = STEP_S / faster
             for minute in sorted({m for m in HEAP_AT_MIN if m < minutes} | {minutes}):
@@ -121,29 +123,33 @@ def measure(vehicles: int, minutes: float, faster: float, chromium: str, folder:
             late_fps = tab.evaluate(COUNT_FRAMES, SETTLE_S)
     finally:
         page.close()
-    return {"vehicles": vehicles, "vehicle_drawn_after_s": shown_s, "frames_per_s": round(fps, 1),
+    return {"vehicles": vehicles, "panel_filled_after_s": told_s, "vehicle_drawn_after_s": shown_s,
+            "frames_per_s": round(fps, 1),
             "frames_per_s_at_the_end": round(late_fps, 1), "heap_mib_by_minute": heap, "faster": faster,
             "window_px": [WIDTH_PX, HEIGHT_PX]}
 
 
 @contextmanager
-def browser_tab(chromium: str, port: int) -> Iterator[tuple[Any, list[float]]]:
-    """Chromium at the page, settled; and how many seconds it took to draw a vehicle, each time it was opened."""
+def browser_tab(chromium: str, port: int) -> Iterator[tuple[Any, list[float], list[float]]]:
+    """Chromium at the page, settled; and how many seconds it took to tell of the vehicles in the panel and to draw one,
+    each time it was opened."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=list(SOFTWARE_GL))
-        shown_s = []
+        told_s: list[float] = []
+        shown_s: list[float] = []
         for n in range(OPENED):
             tab = browser.new_page(viewport={"width": WIDTH_PX, "height": HEIGHT_PX})
             tab.add_init_script(WATCH_DRAWING.replace("CORNERS", str(drone_mesh((0, 0, 0), 1.0)[1].size)))
             tab.goto(f"http://127.0.0.1:{port}")
-            shown_ms = tab.wait_for_function("() => window.firstVehicleMs").json_value()
-            shown_s.append(round(shown_ms / 1000.0, 2))
+            tab.wait_for_function("() => window.firstVehicleMs && window.firstPanelMs")
+            told_s.append(round(tab.evaluate("firstPanelMs") / 1000.0, 2))
+            shown_s.append(round(tab.evaluate("firstVehicleMs") / 1000.0, 2))
             if n < OPENED - 1:
                 tab.close()
         tab.wait_for_timeout(1000.0 * SETTLE_S)
-        yield tab, shown_s
+        yield tab, told_s, shown_s
         browser.close()
 
 
@@ -151,8 +157,9 @@ def _print(result: dict[str, Any]) -> None:
     table = Table(title=f"Live page, {result['vehicles']} vehicles, headless Chromium, software rendering")
     table.add_column("what")
     table.add_column("value", justify="right")
-    opened = ", ".join(f"{s:.2f} s" for s in result["vehicle_drawn_after_s"])
-    table.add_row("a vehicle is drawn after (browser just started, again, again)", opened)
+    for what, key in (("the panel is filled", "panel_filled_after_s"), ("a vehicle is drawn", "vehicle_drawn_after_s")):
+        opened = ", ".join(f"{s:.2f} s" for s in result[key])
+        table.add_row(f"{what} after (browser just started, again, again)", opened)
     table.add_row("frames per second", str(result["frames_per_s"]))
     table.add_row("frames per second at the end", str(result["frames_per_s_at_the_end"]))
     for minute, mib in result["heap_mib_by_minute"].items():
