@@ -101,7 +101,7 @@ class Director:
         if self._survey is None:
             self._survey = SurveyPhase(self._control, self._explore.explorer if self._explore is not None else None)
         self._survey.step()
-        if self._survey.survey.over:
+        if self._survey.over:
             self._enter("return")
 
     def _step_return(self) -> None:

@@ -85,7 +85,8 @@ class Explorer:
         """An operator's: explores until that is reached, whatever a view costs."""
         self._next_view_id = 1
         self.key_views: dict[int, Pose] = {}
-        self._pictured: dict[tuple[int, int], Pose] = {}
+        self.pictured: dict[tuple[int, int], Pose] = {}
+        """Where every picture was taken, by vehicle and view."""
         self._in_map: dict[int, int] = {}
         """Key views' pictures as the map numbers them."""
         self.pictures_new = 0
@@ -106,7 +107,7 @@ class Explorer:
         if picture.rgb is None:
             return
         meta = picture.meta
-        self._pictured[meta.vehicle_id, meta.view_id] = meta.pose
+        self.pictured[meta.vehicle_id, meta.view_id] = meta.pose
         number = self.map.add_picture(picture.rgb, meta.camera, meta.pose)
         if meta.view_id in self.key_views:
             self._in_map[meta.view_id] = number
@@ -118,7 +119,7 @@ class Explorer:
         """Key poses in the order they were given out; or where every picture was taken, vehicle after vehicle, each in
         its order of flight."""
         if every_picture:
-            return [self._pictured[key] for key in sorted(self._pictured)]
+            return [self.pictured[key] for key in sorted(self.pictured)]
         return [self.key_views[key] for key in sorted(self.key_views)]
 
     def refresh(self) -> None:

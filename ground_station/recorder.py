@@ -81,7 +81,7 @@ class Recorder:
     """Collects during the flight; `write` may be called at any time, also after a crash, and writes what is known."""
 
     def __init__(self, run: RunFolder, mission: Mission, site: SiteBrief) -> None:
-        self._run, self._mission, self._site = run, mission, site
+        self.run, self._mission, self._site = run, mission, site
         self._disk = Disk(run.root, PATIENCE_S, slow_s=PATIENCE_S)
         self._unwritten: dict[Path, bytes] = {}
         """What the disk has not taken; it is tried once more at the end."""
@@ -143,7 +143,7 @@ class Recorder:
 
     def write_map(self, grid: VoxelGrid, surface: SurfaceVoxels) -> None:
         """Write map.npz, what the survey was planned on."""
-        self._keep(self._run.map, _npz(
+        self._keep(self.run.map, _npz(
             origin_enu_m=grid.origin_enu_m, voxel_m=grid.voxel_m, state=grid.state,
             surface_position_enu_m=surface.position_enu_m, surface_normal_enu=surface.normal_enu,
             surface_seen_count=surface.seen_count))
@@ -151,7 +151,7 @@ class Recorder:
     def write_depths(self, depths: dict[int, DepthMap]) -> None:
         """Write explore_depth.npz: depth by view id, all of one size."""
         known = [np.where(d.valid, d.depth_m, np.nan).astype(np.float16) for d in depths.values()]
-        self._keep(self._run.explore_depth, _npz(view_id=np.array(list(depths), dtype=np.int64),
+        self._keep(self.run.explore_depth, _npz(view_id=np.array(list(depths), dtype=np.int64),
                                                  depth_m=np.array(known)))
 
     def write(self, t_ns: int) -> None:
@@ -165,13 +165,13 @@ class Recorder:
             arrays |= {f"uav{k}_{name}": values for name, values in track.sampled().items()}
             arrays[f"uav{k}_view_ids"] = np.array(track.view_ids, dtype=np.int64)
             arrays[f"uav{k}_origin_ids"] = np.array(track.origin_ids, dtype=np.int64)
-        self._keep(self._run.trajectories, _npz(**arrays))
-        self._keep(self._run.flight, json.dumps(self._flight(t_ns), indent=1).encode())
+        self._keep(self.run.trajectories, _npz(**arrays))
+        self._keep(self.run.flight, json.dumps(self._flight(t_ns), indent=1).encode())
         for path in list(self._unwritten):
             self._keep(path, self._unwritten.pop(path))
         missing = [path.name for path in self._unwritten]
         if missing:
-            raise DiskError(f"{self._run.root}: the disk {self._disk.trouble}, and {', '.join(missing)} could not be "
+            raise DiskError(f"{self.run.root}: the disk {self._disk.trouble}, and {', '.join(missing)} could not be "
                             "written; pictures that it took are kept, the others are on the vehicles' cards.")
 
     def _keep(self, path: Path, data: bytes) -> None:

@@ -28,7 +28,8 @@ class Station:
                  writes: RunFolder | None = None) -> None:
         """wait: for an operator's start. writes: where it writes, if not into the run's folder."""
         kept = run if writes is None else writes
-        mapped = ("explore", "survey") if mission.survey.refine else ("explore",)
+        at_once = mission.survey.refine and mission.camera.exact_poses
+        mapped = ("explore", "survey") if at_once else ("explore",)
         self.voice = voice
         self.ingest = Ingest(kept, mission.site.anchor, mission.clock.epoch_utc, takeoff_points(mission, site), mapped,
                              mission.camera.distortion)

@@ -14,13 +14,14 @@ from ground_station.drone import Drone, Stage
 from ground_station.explore import Explorer
 from ground_station.ledger import ENERGY, LOST, OPERATOR, ViewLedger
 from ground_station.survey import Survey
-from ground_station.survey_map import SurveyMap
+from ground_station.survey_map import CompletedMap, completed_map
 from ground_station.survey_method import means_of
 from ground_station.survey_views import FIRST_VIEW_ID, known_space, refining_views, survey_views
 from ground_station.tours import Flyer
 from ground_station.traffic import Traffic, holding
 from missions.camera import View
 from missions.clock import SECOND_NS
+from missions.errors import UserError
 from missions.frames import Array
 from missions.grid import VoxelGrid
 from missions.mavlink import Waypoint
@@ -41,13 +42,15 @@ class SurveyPhase:
         self._sent: dict[int, list[Waypoint]] = {}
         self._traffic = Traffic(control.mission)
         self._ledgers: list[ViewLedger] = []
+        self._landing = False
+        """Whether all come home before the second flight is planned."""
         mission = control.mission
         if explorer is not None:
             explorer.refresh()
         grid = explorer.grid if explorer is not None else known_space(mission, control.site, control.prior)
         explored = [] if explorer is None else explorer.poses(every_picture=mission.survey.views == "frames")
-        refining = explorer is not None and mission.survey.refine > 0
-        self._map = SurveyMap(explorer.map, mission.camera.explore_px) if explorer is not None and refining else None
+        self._map = None if explorer is None or not mission.survey.refine else completed_map(explorer, mission,
+                                                                                             control.recorder.run)
         self._begin("start", grid, lambda flyable, starts, hits: survey_views(
             mission, control.site, flyable, explored, starts, control.prior, hits, control.regions.interest))
 
@@ -64,10 +67,32 @@ class SurveyPhase:
         self._allocate(why, lambda: self.survey.begin(flyers, self._t_s))
         log.info("survey: %d views for %d vehicles", len(views), len(flyers))
 
-    def _refine(self, completed: SurveyMap) -> None:
+    @property
+    def over(self) -> bool:
+        """Whether every view has its outcome, and no other flight is to come."""
+        return self.survey.over and self._map is None
+
+    def _may_refine(self, completed: CompletedMap) -> bool:
+        """Whether it is time for the second flight; where planning it takes long, whoever flies lands before."""
+        if not completed.needs_time:
+            return True
+        if not self._landing:
+            self._landing = True
+            self._control.note("all pictures are taken; they are aligned when all have landed, before a second flight")
+        return not self._fleet.free(Stage.LAUNCHING, Stage.READY, Stage.FLYING, Stage.HOMING)
+
+    def _refine(self, completed: CompletedMap) -> None:
         """A second flight, to what the first one's pictures show too rarely."""
         self._map = None
-        control, taken, grid = self._control, self.survey.ledger.flown_poses(), completed.grid()
+        if not self._flyers():
+            self._control.note("no vehicle has energy for a second flight")
+            return
+        control, taken = self._control, self.survey.ledger.flown_poses()
+        try:
+            grid = completed.grid()
+        except UserError as e:
+            control.note(f"no second flight: {e}")
+            return
         first_view_id = FIRST_VIEW_ID + self.survey.progress[1]
         self._begin("refine", grid, lambda flyable, starts, hits: refining_views(
             control.mission, control.site, flyable, taken, first_view_id, starts, control.prior, hits,
@@ -97,7 +122,7 @@ class SurveyPhase:
         news = survey.news([f.vehicle_id for f in flyers])
         if news:
             self._allocate(news, lambda: survey.redistribute(flyers, self._t_s))
-        if survey.over and self._map is not None:
+        if survey.over and self._map is not None and self._may_refine(self._map):
             self._refine(self._map)
         for drone in self._fleet.drones.values():
             self._orders(drone, self.survey)

@@ -45,9 +45,9 @@ def _check_refining(mission: Mission) -> None:
     if not mission.explore.enabled:
         raise UserError("mission: survey.refine needs explore.enabled = true, for it completes the explored map; "
                         "explore first or set survey.refine = 0.")
-    if mission.camera.position_sigma_m or mission.camera.attitude_sigma_deg:
-        raise UserError("mission: survey.refine takes depth from survey pictures at measured poses, which have to "
-                        "be exact; set camera.position_sigma_m and camera.attitude_sigma_deg to 0, or survey.refine.")
+    if not (mission.camera.exact_poses or mission.reconstruct.align):
+        raise UserError("mission: survey.refine takes depth from survey pictures, whose measured poses have to be "
+                        "aligned for that; set reconstruct.align = true or survey.refine = 0.")
 
 
 def known_space(mission: Mission, site: SiteBrief, prior: Prior | None) -> VoxelGrid:

@@ -64,6 +64,13 @@ def yaw_elevation_from_forward(direction_enu: Array) -> tuple[float, float]:
     return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
 
 
+def roll_about_axis(rotation: Array) -> float:
+    """Roll (radians) of enu_from_camera (3, 3): what `yaw_elevation_from_forward` of its last column leaves out."""
+    level = enu_from_camera(*yaw_elevation_from_forward(rotation[:, 2]))
+    turn = level.T @ rotation
+    return math.atan2(turn[1, 0], turn[0, 0])
+
+
 def quaternion_from_matrix(rotation: Array) -> Array:
     """(4,) unit quaternion ``wxyz`` with w >= 0 of a (3, 3) rotation matrix."""
     m = np.asarray(rotation, dtype=np.float64)

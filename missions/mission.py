@@ -145,6 +145,11 @@ class CameraSpec(Section, frozen=True, kw_only=True):
     attitude_sigma_deg: NonNegative = 0.0
     """The same for yaw, elevation and roll of the camera (a stabilised gimbal: about 0.3)."""
 
+    @property
+    def exact_poses(self) -> bool:
+        """Whether survey pictures carry the poses that they were taken from."""
+        return self.position_sigma_m == 0.0 and self.attitude_sigma_deg == 0.0
+
     def survey_camera(self) -> Camera:
         """Intrinsics of a survey picture."""
         w, h = self.survey_px

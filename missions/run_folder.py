@@ -163,6 +163,12 @@ class RunFolder:
         return self.root / "alignment"
 
     @property
+    def flight_alignment(self) -> Path:
+        """The same of the pictures that a second flight was planned from; only there where `survey.refine` was flown
+        from measured poses."""
+        return self.root / "flight_alignment"
+
+    @property
     def control_points(self) -> Path:
         """Ground control and check points with their marks, in the run's ENU; only there when they were given."""
         return self.root / "control_points.csv"

@@ -30,6 +30,7 @@ def test_roll_turns_right_to_down_and_leaves_the_view(yaw, elevation, roll):
     np.testing.assert_allclose(rolled[:, 2], level[:, 2], atol=1e-12)
     np.testing.assert_allclose(rolled[:, 0], math.cos(roll) * level[:, 0] + math.sin(roll) * level[:, 1], atol=1e-12)
     assert math.isclose(np.linalg.det(rolled), 1.0, abs_tol=1e-12)
+    assert math.isclose(frames.roll_about_axis(rolled), roll, abs_tol=1e-9)
 
 
 @given(yaws, elevations)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from ground_station import launcher
 from ground_station.airspace import Airspace
@@ -25,7 +26,7 @@ from missions.camera import Pose
 from missions.errors import UserError
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from missions.messages import SiteBrief, VehicleState
-from missions.mission import CameraSpec, ExploreSpec, Mission, SurveySpec
+from missions.mission import CameraSpec, ExploreSpec, Mission, ReconstructSpec, SurveySpec
 from missions.mission_file import load_mission
 from missions.pads import geofence, hover_points
 from missions.run_folder import RunFolder
@@ -168,8 +169,10 @@ def test_a_survey_that_knows_nothing_is_refused() -> None:
     with pytest.raises(UserError, match=r"explore first or set survey\.refine = 0"):
         check_survey(Mission(title="t", knowledge="mesh", explore=ExploreSpec(enabled=False),
                              survey=SurveySpec(refine=5)))
-    with pytest.raises(UserError, match="have to be exact"):
-        check_survey(Mission(title="t", camera=CameraSpec(attitude_sigma_deg=0.3), survey=SurveySpec(refine=5)))
+    measured = Mission(title="t", camera=CameraSpec(attitude_sigma_deg=0.3), survey=SurveySpec(refine=5))
+    check_survey(measured)
+    with pytest.raises(UserError, match=r"set reconstruct\.align = true"):
+        check_survey(replace(measured, reconstruct=ReconstructSpec(align=False)))
 
 
 def test_a_second_flight_goes_to_what_the_first_one_did_not_know_of() -> None:

@@ -85,8 +85,11 @@ def test_what_is_no_journal_is_refused_with_a_remedy(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     run, complaints = fly(tmp_path_factory.mktemp("replay"), ["explore.max_views=4", "survey.max_views=6",
-                                                              "survey.refine=2"])
+                                                              "survey.refine=2", "camera.position_sigma_m=0.02",
+                                                              "camera.attitude_sigma_deg=0.3"])
     assert complaints == []
+    record = json.loads(run.flight.read_text(encoding="utf-8"))
+    assert [a["why"] for a in record["allocations"]][:2] == ["start", "refine"], "the second flight took place"
     return run
 
 
