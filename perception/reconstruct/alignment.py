@@ -31,7 +31,7 @@ from perception.reconstruct.settings import Progress
 from perception.reconstruct.ties import tied
 from perception.reconstruct.witnesses import features_of, of_the_first, witnesses
 
-METHOD = 5
+METHOD = 6
 """Raised whenever the poses change for the same input, so that stored ones are not taken for new ones."""
 PARTNERS = 20
 LONELY = 60
@@ -49,7 +49,7 @@ LARGE_SHARE = 0.1
 UNKNOWN_LENS_PX, UNKNOWN_LENS_EPIPOLAR_PX = 60.0, 12.0
 """A lens that nobody has measured puts points as far from where a pinhole would, in a picture 1920 pixels wide: at
 most, and where most of them are."""
-MIN_POINTS = 30
+MIN_POINTS = 10
 """A picture that sees fewer keeps its measured pose."""
 MAX_SIGMAS = 5.0
 """So does one that would be moved or turned farther than this: the measurement is more likely than the matches."""
