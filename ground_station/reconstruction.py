@@ -42,19 +42,20 @@ MESH_SPACINGS = 2.0
 """Detail of the mesh, in spacings of the cloud."""
 
 
-def reconstruct_run(run: RunFolder, keep_depth: bool = False,
-                    tell: Tell = lambda stage, done, total: None) -> dict[str, Any]:
+def reconstruct_run(run: RunFolder, keep_depth: bool = False, tell: Tell = lambda stage, done, total: None,
+                    cloud_there: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Survey pictures to aligned poses, cloud.ply, mesh.ply and the textured model/.
 
     Products that are there from the same pictures, poses and settings are kept. Depth maps stay in depth/ until it is
-    done, and after it on request. Returns counts and seconds. Raises UserError when there are too few pictures, one
-    cannot be read, or the memory is too little.
+    done, and after it on request. `cloud_there` is called once cloud.ply can be read. Returns counts and seconds.
+    Raises UserError when there are too few pictures, one cannot be read, or the memory is too little.
     """
     work = Reconstruction(read_run(run), tell)
     with work.record.stage("align"):
         pictures = work.pictures
     spec = work.data.mission.reconstruct
     cloud = work.cloud
+    cloud_there()
     result: dict[str, Any] = {"pictures": len(pictures), "points": len(cloud), "cloud": str(run.cloud)}
     if spec.mesh:
         result |= {"triangles": len(work.mesh), "mesh": str(run.mesh)}

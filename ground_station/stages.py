@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,13 @@ def evaluate_run(run: RunFolder) -> dict[str, Any]:
     return _write_metrics(*_measured(run))
 
 
-def report_run(run: RunFolder) -> dict[str, Any]:
-    """Measure, and write report.html from whatever the run folder holds; metrics.json also where that fails."""
+def report_run(run: RunFolder, ready: Callable[[], object] = lambda: None) -> dict[str, Any]:
+    """Measure, and write report.html from whatever the run folder holds; metrics.json also where that fails.
+
+    ready: returns when everything but the cloud, which is there before, is in the run folder.
+    """
     data, measured = _measured(run)
+    ready()
     document = _write_metrics(data, measured)
     started = time.monotonic()
     write_page(data, measured, document)
@@ -72,10 +76,16 @@ def main_reconstruct(argv: list[str]) -> int:
         copy_control(read_control(options.control, options.control_crs), read_run(run).mission.site.anchor,
                      run.control_points)
     with _progress() as tell:
-        result = reconstruct_run(_run_folder(options), options.keep_depth, tell)
+        result = reconstruct_run(_run_folder(options), options.keep_depth, tell,
+                                 _announce if options.announce else lambda: None)
     _print(options, result, f"{result['points']} points from {result['pictures']} pictures in "
                             f"{result['wall_s']:.0f} s: {result['cloud']}")
     return 0
+
+
+def _announce() -> None:
+    sys.stdout.write("the cloud is there\n")
+    sys.stdout.flush()
 
 
 def main_evaluate(argv: list[str]) -> int:
@@ -111,7 +121,7 @@ def main_report(argv: list[str]) -> int:
     options = _options("report", argv)
     with _progress() as tell:
         tell("report", 0, 1)
-        result = report_run(_run_folder(options))
+        result = report_run(_run_folder(options), sys.stdin.read if options.wait else lambda: None)
         tell("report", 1, 1)
     _print(options, result, result["report"])
     return 0
@@ -141,7 +151,10 @@ def _options(name: str, argv: list[str]) -> argparse.Namespace:
         parser.add_argument("--keep-depth", "--keep", action="store_true", help="keep the depth maps in RUN/depth")
         parser.add_argument("--control", type=Path, metavar="CSV", help="ground control and check points")
         parser.add_argument("--control-crs", type=int, metavar="EPSG", help="projected CRS of the points' x, y, z")
+        parser.add_argument("--announce", action="store_true", help="say on stdout when the cloud is there")
         photograph_stage.add_options(parser)
+    if name == "report":
+        parser.add_argument("--wait", action="store_true", help="measure, then wait for the end of stdin")
     if name == "evaluate":
         cloud_evaluation.add_options(parser)
     return parser.parse_args(argv)

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from ground_station import stages
+from ground_station.after_flight import run_stages
 from ground_station.bench import reconstruct_growth
 from ground_station.reconstruction import reconstruct_run
 from ground_station.report import tiles, time_charts
@@ -128,7 +129,9 @@ def test_what_was_made_from_the_same_is_kept(done: RunFolder, tmp_path: Path) ->
     run = copied(done.root, tmp_path)
     (run.model / "model.glb").unlink()
     before = {path: path.stat().st_mtime_ns for path in (run.cloud, run.mesh)}
-    again = reconstruct_run(run)
+    told: list[bool] = []
+    again = reconstruct_run(run, cloud_there=lambda: told.append((run.model / "model.glb").is_file()))
+    assert told == [False], "the cloud can be measured before there is a model"
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert set(again["stages"]) == {"align", "model"}, "only what was missing was made"
     (run.model / "model.glb").unlink()
@@ -204,6 +207,32 @@ def test_noisy_poses_are_aligned_and_judged_by_the_truth(done: RunFolder, tmp_pa
     assert metrics["c2c"]["completeness"]["0.25"] > exact["c2c"]["completeness"]["0.25"] - 0.02
     data = read_run(run)
     assert "9 of 9" in page(data, measure(data), metrics)
+
+
+def test_a_report_that_waits_measures_before_and_shows_what_came_meanwhile(done: RunFolder, tmp_path: Path) -> None:
+    run = copied(done.root, tmp_path, "model", "metrics.json", "processes")
+    measured: list[bool] = []
+
+    def ready() -> None:
+        measured.append(run.has_process_record("evaluate"))
+        shutil.copytree(done.model, run.model, dirs_exist_ok=True)
+
+    stages.report_run(run, ready)
+    assert measured == [True]
+    assert "Textured model" in run.report.read_text()
+
+
+def test_the_stages_of_a_flight_give_what_they_give_one_by_one(done: RunFolder, tmp_path: Path) -> None:
+    made = ("cloud.ply", "mesh.ply", "model", "products.json", "metrics.json", "report.html", "processes")
+    run = copied(done.root, tmp_path, *made)
+    assert run_stages(run, load_mission(run.mission), keep_depth=False)
+    assert run.cloud.read_bytes() == done.cloud.read_bytes()
+    assert "Textured model" in run.report.read_text()
+    told, alone = (json.loads(path.read_text()) for path in (run.metrics, done.metrics))
+    assert {key: told[key] for key in ("c2c", "c2m", "parts", "inspection")} == {
+        key: alone[key] for key in ("c2c", "c2m", "parts", "inspection")}
+    run.views_csv.unlink()
+    assert not run_stages(run, load_mission(run.mission), keep_depth=False), "a stage that fails is told"
 
 
 def test_json_is_the_only_thing_on_stdout(done: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
