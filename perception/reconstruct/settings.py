@@ -28,7 +28,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     far_m: float = 60.0
     check_against: int = 22
     """Depth maps that each depth map is checked against."""
-    threads: int = 3
+    threads: int = 4
     memory_gib: float = 4.0
 
 
