@@ -19,7 +19,6 @@ from missions.frames import Array
 from perception.products.best_pictures import NONE, project
 from perception.products.surface import Surface
 from perception.reconstruct.pictures import SurveyPicture, read_colour
-from perception.reconstruct.resources import in_order
 
 GUTTER_PX = 2
 """Of picture around every piece, so that filtering at its edge finds the same surface."""
@@ -85,12 +84,14 @@ def textured(surface: Surface, pictures: list[SurveyPicture], chosen: NDArray[np
     pieces = _pieces(surface, chosen, corner_px)
     layout = _packed(pieces, int(np.sum(chosen == NONE)), largest_px)
     image = np.zeros((layout.side_px, layout.side_px, 3), np.uint8)
-    used = np.unique(pieces.picture).tolist()
+
+    def cut_up(k: int) -> None:
+        colours = read_colour(pictures[k], pictures[k].camera.width_px)
+        for i in np.flatnonzero(pieces.picture == k).tolist():
+            _paste(image, colours, pieces.box_px[i], layout.places[i], layout.sizes[i])
+
     with ThreadPoolExecutor(threads) as pool:
-        read = in_order(pool, lambda k: read_colour(pictures[k], pictures[k].camera.width_px), used, threads)
-        for done, (k, colours) in enumerate(zip(used, read, strict=True), start=1):
-            for i in np.flatnonzero(pieces.picture == k).tolist():
-                _paste(image, colours, pieces.box_px[i], layout.places[i], layout.sizes[i])
+        for done, _ in enumerate(pool.map(cut_up, np.unique(pieces.picture).tolist()), start=1):
             told(done)
     shown = chosen != NONE
     piece = pieces.of_face[shown]
@@ -185,7 +186,10 @@ def _paste(image: NDArray[np.uint8], colours: NDArray[np.uint8], box: NDArray[np
     """Cut a box out of a picture, beyond whose frame its edge is repeated, and put it into the image."""
     h, w = colours.shape[:2]
     left, top, right, bottom = (int(v) for v in box)
-    cut = colours[np.clip(np.arange(top, bottom), 0, h - 1)[:, None], np.clip(np.arange(left, right), 0, w - 1)]
+    if min(left, top) >= 0 and right <= w and bottom <= h:
+        cut = colours[top:bottom, left:right]
+    else:
+        cut = colours[np.clip(np.arange(top, bottom), 0, h - 1)[:, None], np.clip(np.arange(left, right), 0, w - 1)]
     small = cv2.resize(cut, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
     image[place[1]:place[1] + size[1], place[0]:place[0] + size[0]] = small
 

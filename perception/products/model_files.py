@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -24,24 +25,30 @@ JPEG_QUALITY = 90
 MATERIAL = "model"
 OBJ, MTL, PNG, GLB = (f"{MATERIAL}.{kind}" for kind in ("obj", "mtl", "png", "glb"))
 ROWS_AT_A_TIME = 10_000
+Places = tuple[Array, NDArray[np.int64]]
+"""Texture coordinates (m, 2), and which one each corner (f, 3) has."""
 
 
 def write_model(model: Textured, folder: Path) -> None:
-    """OBJ (with MTL and PNG) and GLB. Raises UserError when they cannot be written."""
+    """OBJ (with MTL and PNG) and, last, GLB. Raises UserError when they cannot be written."""
+    places = _places(model)
     try:
-        write_obj(model, folder)
-        write_glb(model, folder / GLB)
+        with ThreadPoolExecutor(1) as pool:  # the PNG takes as long as everything else
+            picture = pool.submit(Image.fromarray(model.image).save, folder / PNG, compress_level=1)
+            _write_obj(model, places, folder)
+            glb = _glb(model, places)
+            picture.result()
+        (folder / GLB).write_bytes(glb)
     except OSError as e:
         raise UserError(f"{folder}: cannot be written ({e.strerror or e}); free some disk space or choose another run "
                         "folder.") from e
 
 
-def write_obj(model: Textured, folder: Path) -> None:
-    """OBJ in ENU metres, MTL and PNG."""
-    obj, mtl, png = folder / OBJ, folder / MTL, folder / PNG
-    Image.fromarray(model.image).save(png, compress_level=3)
-    mtl.write_text(f"newmtl {MATERIAL}\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {png.name}\n", encoding="ascii")
-    uv, uv_of_corner = _places(model)
+def _write_obj(model: Textured, places: Places, folder: Path) -> None:
+    """OBJ in ENU metres and its MTL."""
+    obj, mtl = folder / OBJ, folder / MTL
+    mtl.write_text(f"newmtl {MATERIAL}\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {PNG}\n", encoding="ascii")
+    uv, uv_of_corner = places
     corners = np.stack([model.surface.triangles + 1, uv_of_corner + 1], axis=2).reshape(-1, 6)
     with obj.open("w", encoding="ascii") as f:
         f.write(f"# East, North, Up in metres\nmtllib {mtl.name}\nusemtl {MATERIAL}\n")
@@ -57,9 +64,9 @@ def _lines(pattern: str, rows: NDArray[np.generic]) -> Iterator[str]:
         yield pattern * len(some) % tuple(some.ravel().tolist())
 
 
-def write_glb(model: Textured, path: Path) -> None:
+def _glb(model: Textured, places: Places) -> bytes:
     """Binary glTF 2.0, y up, its texture a JPEG."""
-    uv, uv_of_corner = _places(model)
+    uv, uv_of_corner = places
     vertex_of_uv = np.zeros(len(uv), np.int64)
     vertex_of_uv[uv_of_corner] = model.surface.triangles
     stream = io.BytesIO()
@@ -68,7 +75,7 @@ def write_glb(model: Textured, path: Path) -> None:
                            roughnessFactor=1.0, doubleSided=True)
     mesh = trimesh.Trimesh((model.surface.vertices_enu_m @ GLTF_FROM_ENU.T)[vertex_of_uv], uv_of_corner, process=False,
                            visual=trimesh.visual.TextureVisuals(uv=uv, material=material))
-    mesh.export(path, file_type="glb")
+    return bytes(mesh.export(file_type="glb"))
 
 
 def has_model(folder: Path) -> bool:
@@ -92,7 +99,7 @@ def read_model(folder: Path) -> Textured:
     return Textured(surface, np.asarray(image, np.uint8), uv[triangles].astype(np.float32))
 
 
-def _places(model: Textured) -> tuple[Array, NDArray[np.int64]]:
+def _places(model: Textured) -> Places:
     """(m, 2) different texture coordinates, 0 to 1 to the right and up, and (f, 3) which one each corner has.
 
     Two corners share one only where they share their vertex too.
