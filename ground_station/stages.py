@@ -19,7 +19,7 @@ from ground_station.control_file import copy_control, read_control
 from ground_station.reconstruction import Tell, reconstruct_run
 from ground_station.report.measure import Measured, measure
 from ground_station.report.metrics import assemble
-from ground_station.report.page import write_page
+from ground_station.report.page import draw, write_page
 from ground_station.report.run_data import RunData, read_run
 from missions.errors import UserError
 from missions.process import run_process
@@ -37,10 +37,13 @@ def report_run(run: RunFolder, ready: Callable[[], object] = lambda: None) -> di
     ready: returns when everything but the cloud, which is there before, is in the run folder.
     """
     data, measured = _measured(run)
-    ready()
-    document = _write_metrics(data, measured)
+    _write_metrics(data, measured)
     started = time.monotonic()
-    write_page(data, measured, document)
+    drawn = draw(data, measured)
+    waits = time.monotonic()
+    ready()
+    started += time.monotonic() - waits
+    write_page(data, measured, _write_metrics(data, measured), drawn)
     result = _finish(run, "report", started, {"report": str(run.report)})
     _write_metrics(data, measured)
     return result

@@ -22,7 +22,7 @@ from ground_station.report import tiles, time_charts
 from ground_station.report.activity import spans
 from ground_station.report.measure import measure
 from ground_station.report.metrics import assemble
-from ground_station.report.page import page
+from ground_station.report.page import draw, page
 from ground_station.report.run_data import Track, read_run, read_views
 from ground_station.report.separation import nearest_pairs
 from ground_station.report.splat import ramp, splat
@@ -206,7 +206,8 @@ def test_noisy_poses_are_aligned_and_judged_by_the_truth(done: RunFolder, tmp_pa
     assert exact["alignment"] is None
     assert metrics["c2c"]["completeness"]["0.25"] > exact["c2c"]["completeness"]["0.25"] - 0.02
     data = read_run(run)
-    assert "9 of 9" in page(data, measure(data), metrics)
+    measured = measure(data)
+    assert "9 of 9" in page(data, measured, metrics, draw(data, measured))
 
 
 def test_a_report_that_waits_measures_before_and_shows_what_came_meanwhile(done: RunFolder, tmp_path: Path) -> None:
@@ -383,7 +384,7 @@ def test_a_page_of_a_bare_folder(tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
     write_mission(MISSION, run.mission)
     data = read_run(run)
-    text = page(data, None, assemble(data, None))
+    text = page(data, None, assemble(data, None), draw(data, None))
     assert "truth/referee.json is missing" in text
     assert "<h2>Tours</h2>" not in text
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -27,20 +28,47 @@ from perception.reconstruct.cloud import Cloud, read_cloud
 SAMPLE_PICTURES = 6
 
 
-def write_page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> None:
+@dataclass(frozen=True)
+class Drawn:
+    """What of the page needs neither model nor metrics, as HTML: it can be drawn while these are being made."""
+
+    cloud: Cloud | None
+    explored: str
+    confidence: str
+    errors: str
+    missing: str
+    quality: str
+
+
+def draw(data: RunData, measured: Measured | None) -> Drawn:
+    """All of it; empty where there is nothing to show."""
+    cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
+    explored = exploration_part(data, data.referee.get("coverage") or {}) + survey_part(data) + thesis_part(data)
+    if cloud is None:
+        return Drawn(None, explored, "", "", "", "")
+    spacing = data.mission.reconstruct.cloud_spacing_m
+    confidence = row(renderings.by_confidence(*renderings.thinned(cloud, spacing),
+                                              data.mission.reconstruct.min_confidence))
+    if measured is None:
+        return Drawn(cloud, explored, confidence, "", "", "")
+    return Drawn(cloud, explored, confidence, row(renderings.by_error(measured.comparison)),
+                 row(renderings.missing(measured.comparison, measured.reachable)),
+                 row(renderings.by_quality(measured.comparison.reference, measured.inspection)))
+
+
+def write_page(data: RunData, measured: Measured | None, metrics: dict[str, Any], drawn: Drawn) -> None:
     """Write report.html from whatever is known; sections with nothing to show are left out."""
-    data.run.report.write_text(page(data, measured, metrics), encoding="utf-8")
+    data.run.report.write_text(page(data, measured, metrics, drawn), encoding="utf-8")
 
 
-def page(data: RunData, measured: Measured | None, metrics: dict[str, Any]) -> str:
+def page(data: RunData, measured: Measured | None, metrics: dict[str, Any], drawn: Drawn) -> str:
     """The whole page as HTML."""
     thesis = REPORTED.get("" if data.mission.scene.path else data.mission.scene.name, NOTHING)
-    cloud = read_cloud(data.run.cloud) if data.run.cloud.is_file() else None
+    cloud = drawn.cloud
     model = read_model(data.run.model) if cloud and has_model(data.run.model) else None
-    body = "".join([_head(data, metrics), _model(data, cloud, model), _flight(data, metrics, cloud),
-                    exploration_part(data, data.referee.get("coverage") or {}), survey_part(data), thesis_part(data),
+    body = "".join([_head(data, metrics), _model(data, cloud, model), _flight(data, metrics, cloud), drawn.explored,
                     _alignment(metrics), _measurements(measured, metrics, thesis),
-                    _regions(data, cloud, model, measured, metrics),
+                    _regions(data, model, measured, metrics, drawn),
                     _pictures(data), _machine(metrics), _notes(metrics)])
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{escape(data.mission.title)}: flight report"
             f"</title><meta name=viewport content='width=device-width'><style>{CSS}</style>"
@@ -149,24 +177,23 @@ def _measurements(measured: Measured | None, metrics: dict[str, Any], thesis: Re
                 "share with as many or more.", tables.confidence(metrics)))
 
 
-def _regions(data: RunData, cloud: Cloud | None, model: Textured | None, measured: Measured | None,
-             metrics: dict[str, Any]) -> str:
-    if cloud is None:
+def _regions(data: RunData, model: Textured | None, measured: Measured | None, metrics: dict[str, Any],
+             drawn: Drawn) -> str:
+    if drawn.cloud is None:
         return ""
-    shown, spacing = renderings.thinned(cloud, data.mission.reconstruct.cloud_spacing_m)
     least = data.mission.reconstruct.min_confidence
     stops = ", ".join(f"rgb{c}" for c in renderings.CONFIDENCE_STOPS)
     scale = (f"{least}<span class=scale style='background:linear-gradient(90deg,{stops})'></span>"
              "10 or more depth maps agree")
-    coloured = renderings.in_colour(shown, spacing) if model is None else renderings.model_in_colour(model)
+    spacing = data.mission.reconstruct.cloud_spacing_m
+    coloured = (renderings.in_colour(*renderings.thinned(drawn.cloud, spacing)) if model is None else
+                renderings.model_in_colour(model))
     parts = [f"<h3>{'In colour' if model is None else 'Textured model'}</h3>", row(coloured),
-             f"<h3>Confidence</h3><small>{scale}</small>", row(renderings.by_confidence(shown, spacing, least))]
+             f"<h3>Confidence</h3><small>{scale}</small>", drawn.confidence]
     if measured is not None:
-        parts += [f"<h3>Errors</h3><small>{_error_scale()}</small>", row(renderings.by_error(measured.comparison)),
-                  f"<h3>Missing</h3><small>{_missing_keys(measured, metrics)}</small>",
-                  row(renderings.missing(measured.comparison, measured.reachable)),
-                  f"<h3>Inspection quality</h3><small>{_inspection(metrics)}</small>",
-                  row(renderings.by_quality(measured.comparison.reference, measured.inspection))]
+        parts += [f"<h3>Errors</h3><small>{_error_scale()}</small>", drawn.errors,
+                  f"<h3>Missing</h3><small>{_missing_keys(measured, metrics)}</small>", drawn.missing,
+                  f"<h3>Inspection quality</h3><small>{_inspection(metrics)}</small>", drawn.quality]
     return section("Where it is good, and what is missing", "Click a picture to enlarge it.", "".join(parts))
 
 
@@ -210,7 +237,8 @@ def _pictures(data: RunData) -> str:
 def _machine(metrics: dict[str, Any]) -> str:
     if not metrics["timing_s"] and not metrics["peak_memory_mib"]:
         return ""
-    return section("Time and memory on this machine", "", tables.resources(metrics))
+    told = "The cloud is measured (evaluate) while mesh and model are made of it (reconstruct); both count."
+    return section("Time and memory on this machine", told, tables.resources(metrics))
 
 
 def _notes(metrics: dict[str, Any]) -> str:

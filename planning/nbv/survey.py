@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,6 +158,7 @@ def _direction_bin(directions_enu: Array) -> Rows:
     return row * BINS_PER_TURN + np.minimum((yaw * scale).astype(np.int64), BINS_PER_TURN - 1)
 
 
+@cache
 def _bin_directions() -> Array:
     step = 2.0 * math.pi / BINS_PER_TURN
     return np.array([forward_enu((a + 0.5) * step, (e + 0.5) * step - math.pi / 2.0)
