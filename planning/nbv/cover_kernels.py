@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Array
+from planning.nbv.rays import first_hit
 
 Rows = NDArray[np.int64]
 PARALLAX_KEPT = 8
@@ -50,6 +51,22 @@ class Want(NamedTuple):
     near: float
     far: float
     """Cosines of the smallest and the largest useful parallax."""
+
+
+class Known(NamedTuple):
+    """What a picture must hold of known surface, whatever surface that is."""
+
+    state: NDArray[np.uint8]
+    """(x, y, z) of the map."""
+    occupied: int
+    eyes: Array
+    """(n, 3) positions, in voxels."""
+    rays_enu: Array
+    """(o, r, 3) unit directions, spread evenly over the picture of each orientation."""
+    reach: float
+    """Voxels."""
+    least: int
+    """Rays that must end at an occupied voxel."""
 
 
 class Tally(NamedTuple):
@@ -125,23 +142,47 @@ def begin(sight, tally):
 
 
 @nb.njit(cache=True)
-def choose(sight, want, tally, shows, places, near_m, thrift, max_views, least):
+def _holds_enough(known, position, orientation):
+    """Whether a view holds as much known surface as asked for."""
+    ends = 0
+    for r in range(known.rays_enu.shape[1]):
+        ray = known.rays_enu[orientation, r]
+        ends += first_hit(known.state, known.occupied, known.eyes[position], ray, known.reach) < known.reach
+        if ends >= known.least:
+            return True
+    return known.least == 0
+
+
+@nb.njit(cache=True)
+def _best(tally, away, near_m, thrift, least, barred):
+    """Position and orientation of the view with the greatest gain for its way; -1 where none gains `least`."""
+    best, p, o = 0.0, -1, -1
+    for i in range(len(tally.gains)):
+        ease = 1.0 if away[i] == np.inf else max(near_m, away[i]) ** -thrift
+        for j in range(tally.gains.shape[1]):
+            if tally.gains[i, j] >= least and tally.gains[i, j] * ease > best and not barred[i, j]:
+                best, p, o = tally.gains[i, j] * ease, i, j
+    return p, o
+
+
+@nb.njit(cache=True)
+def choose(sight, want, known, tally, shows, places, near_m, thrift, max_views, least):
     """(m, 2) position and orientation of at most max_views views, each the one with the greatest gain per
-    max(near_m, way from the nearest chosen view) ** thrift, until none gains `least`. shows: (o, b) bins in each view.
+    max(near_m, way from the nearest chosen view) ** thrift among those that hold enough known surface, until none gains
+    `least`. shows: (o, b) bins in each view.
     """
     chosen = np.zeros((max_views, 2), dtype=np.int64)
-    away = np.full(len(tally.gains), np.inf)
-    for n in range(max_views):
-        best, p, o = 0.0, -1, -1
-        for i in range(len(tally.gains)):
-            ease = 1.0 if n == 0 else max(near_m, away[i]) ** -thrift
-            for j in range(tally.gains.shape[1]):
-                if tally.gains[i, j] >= least and tally.gains[i, j] * ease > best:
-                    best, p, o = tally.gains[i, j] * ease, i, j
+    away, barred, n = np.full(len(tally.gains), np.inf), np.zeros(tally.gains.shape, dtype=np.bool_), 0
+    while n < max_views:
+        p, o = _best(tally, away, near_m, thrift, least, barred)
         if p < 0:
-            return chosen[:n]
+            break
+        if not _holds_enough(known, p, o):
+            barred[p, o] = True
+            continue
         chosen[n, 0], chosen[n, 1] = p, o
+        n += 1
         for i in range(len(away)):
             away[i] = min(away[i], np.linalg.norm(places[i] - places[p]))
         take(sight, want, tally, p, shows[o])
-    return chosen
+    return chosen[:n]

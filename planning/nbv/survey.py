@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
 from missions.frames import Array, forward_enu, wrap_pi
-from missions.grid import VoxelGrid
+from missions.grid import OCCUPIED, VoxelGrid
 from missions.mission import SurveySpec
-from planning.nbv.cover_kernels import PARALLAX_KEPT, Rows, Sight, Tally, Want, begin, choose, take
+from planning.nbv.cover_kernels import PARALLAX_KEPT, Known, Rows, Sight, Tally, Want, begin, choose, take
 from planning.nbv.interest import Interest
 from planning.nbv.lattice import in_view
 from planning.nbv.patches import Patches, surface_patches
 from planning.nbv.sightings import Sightings, SightSpec, find_sightings
+from planning.nbv.standoff import RAYS_PX, REACH_M
 
 BINS_PER_TURN = 120
 SPARE_PICTURES = 2
@@ -58,6 +59,9 @@ class SurveyViewSpec:
     azimuths: int = 18
     """Steps of 15 by 20 degrees, a third of the picture."""
     thrift: float = THRIFT
+    least_held: float = 0.15
+    """Share of a picture that must show known surface, of the object or around it: a picture of wires before the sky
+    has nothing that says where it was taken, and lines that are a pixel off tell nothing of the wires either."""
     least_gain: float = 2.0
     """Planning ends when the next picture would add less than this (a patch's first sharp picture counts 1)."""
     interest: Interest | None = None
@@ -111,7 +115,8 @@ def plan_survey(grid: VoxelGrid, positions_enu_m: Array, camera: Camera, object_
     for n, pose in enumerate(taken):
         shown = _shows(np.array([pose.yaw_enu_rad]), np.array([pose.elevation_rad]), camera)[0]
         take(sight, want, tally, len(positions_enu_m) + n, shown)
-    chosen = choose(sight, want, tally, shows, places, NEAR_M, spec.thrift, spec.max_views, spec.least_gain)
+    known = _known(grid, positions_enu_m, yaw, elevation, camera, spec.least_held)
+    chosen = choose(sight, want, known, tally, shows, places, NEAR_M, spec.thrift, spec.max_views, spec.least_gain)
     poses = [Pose(tuple(float(c) for c in places[p]), float(yaw[o]), float(elevation[o]))  # type: ignore[arg-type]
              for p, o in chosen]
     return SurveyPlan(poses, patches, np.diff(sight.first_of_patch) > 0, tally.pictures, tally.paired)
@@ -141,6 +146,16 @@ def _sight(found: Sightings, patches: int, places: int, shows: NDArray[np.bool_]
 def _want(spec: SurveyViewSpec) -> Want:
     near, far = (math.cos(math.radians(a)) for a in spec.parallax_deg)
     return Want(spec.pictures_per_patch, spec.pictures_per_patch + SPARE_PICTURES, near, far)
+
+
+def _known(grid: VoxelGrid, positions_enu_m: Array, yaw_enu_rad: Array, elevation_rad: Array, camera: Camera,
+           least_held: float) -> Known:
+    rays = camera.scaled(*RAYS_PX).rays_camera().reshape(-1, 3)
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    turns = [Pose((0.0, 0.0, 0.0), float(y), float(e)).enu_from_camera
+             for y, e in zip(yaw_enu_rad, elevation_rad, strict=True)]
+    return Known(grid.state, OCCUPIED, (positions_enu_m - grid.origin_enu_m) / grid.voxel_m,
+                 np.array([rays @ turn.T for turn in turns]), REACH_M / grid.voxel_m, math.ceil(least_held * len(rays)))
 
 
 def _tally(sight: Sight, patches: int, views: tuple[int, int]) -> Tally:
