@@ -133,6 +133,38 @@ def test_no_surface_or_no_position_gives_an_empty_plan() -> None:
         assert not empty.coverable.any()
 
 
+def wire() -> VoxelGrid:
+    """A wire between two posts, above known ground."""
+    grid = VoxelGrid.unknown(LOWER, UPPER, 0.5)
+    x, y, z = np.moveaxis(grid.centers(np.stack(np.indices(grid.state.shape), axis=-1)), -1, 0)
+    thin = (abs(x) < 10) & (abs(y - 0.25) < 0.2) & (abs(z - 11.25) < 0.2)
+    posts = (abs(abs(x) - 9.5) < 0.6) & (abs(y) < 0.6) & (z < 11)
+    grid.state[:] = FREE
+    grid.state[thin | posts | (z < 0)] = OCCUPIED
+    return grid
+
+
+def held_share(pose: Pose, grid: VoxelGrid) -> float:
+    """Share of the picture that shows something, by samples every 0.2 m along a raster of rays."""
+    rays = CAMERA.scaled(32, 18).rays_camera().reshape(-1, 3) @ pose.enu_from_camera.T
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    samples = np.array(pose.position_enu_m) + np.arange(0.2, 40.0, 0.2)[:, None, None] * rays
+    inside = np.all((samples > LOWER) & (samples < UPPER), axis=-1)
+    solid = np.zeros(inside.shape, dtype=np.bool_)
+    solid[inside] = grid.state_at(samples[inside]) == OCCUPIED
+    return float(solid.any(axis=0).mean())
+
+
+def test_no_picture_holds_next_to_nothing_but_sky() -> None:
+    grid = wire()
+    chosen = {least: plan_survey(grid, allowed_positions(grid), CAMERA, np.array([-10.0, -4.0, 1.0]), OBJECT_MAX,
+                                 SurveyViewSpec(max_views=60, least_held=least)) for least in (0.0, 0.15)}
+    held = {least: [held_share(pose, grid) for pose in plan.poses] for least, plan in chosen.items()}
+    assert min(held[0.0]) < 0.12
+    assert min(held[0.15]) > 0.13
+    assert chosen[0.15].covered_share(3) > chosen[0.0].covered_share(3) - 0.05
+
+
 def test_both_faces_of_a_deck_are_patches_of_their_own() -> None:
     patches = surface_patches(bridge(), OBJECT_MIN, OBJECT_MAX)
     on_deck = (abs(patches.position_enu_m[:, 0]) < 4) & (abs(patches.position_enu_m[:, 1]) < 2.5)

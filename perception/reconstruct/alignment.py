@@ -6,7 +6,7 @@ A picture that cannot be aligned keeps its measured pose and is named; so are gr
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -22,13 +22,13 @@ from perception.reconstruct.aligned_poses import AlignedPose, Alignment, read_al
 from perception.reconstruct.bundle import Accuracy, Adjusted, adjust, carried_by
 from perception.reconstruct.control_points import ControlPoint
 from perception.reconstruct.features import Features, features
-from perception.reconstruct.matching import MAX_EPIPOLAR_PX, MIN_MATCHES, Matches, match
+from perception.reconstruct.matching import MAX_EPIPOLAR_PX, Matches
 from perception.reconstruct.optics import Optics
-from perception.reconstruct.pairs import overlapping
+from perception.reconstruct.pair_matching import match_pairs, pairs_of
 from perception.reconstruct.pictures import SurveyPicture, picture_key, require_enough
 from perception.reconstruct.resources import single_threaded_libraries
+from perception.reconstruct.second_look import Look, second_look
 from perception.reconstruct.settings import Progress
-from perception.reconstruct.ties import tied
 from perception.reconstruct.witnesses import features_of, of_the_first, witnesses
 
 METHOD = 6
@@ -40,10 +40,6 @@ FEW_MATCHES = 150
 """A picture with fewer is tried with all that overlap it, not with its best partners alone."""
 BAND_SIGMAS = 4.5
 MIN_BAND_PX = 6.0
-NARROW_PX = 10.0
-"""The band of a second look, once poses are adjusted, in a picture 1920 pixels wide."""
-LEAST_NARROW = 20
-"""Matches of a pair then: fewer agree by chance so near to the line."""
 LARGE_SHARE = 0.1
 """Of all pictures, in a group: where none is smaller, a second look at the building gained nothing."""
 UNKNOWN_LENS_PX, UNKNOWN_LENS_EPIPOLAR_PX = 60.0, 12.0
@@ -92,7 +88,8 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
         progress("adjust", 1, 2)
         joined = _joined(found, len(everything))
         if not joined.all():
-            matches = _second_look(everything, seen, matches, found, joined, distance_m, band_px, pool)
+            look = Look(found, joined, distance_m, band_px, PARTNERS)
+            matches = second_look(everything, len(pictures), seen, matches, look, pool)
             found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, found.optics, calibrate, list(control))
     adjusted = of_the_first(found, len(pictures))
     measured = pictures if adjusted.carried is None else carried_by(adjusted.carried, pictures)
@@ -126,41 +123,14 @@ def _matches(pictures: list[SurveyPicture], seen: list[Features], optics: Optics
     tried: set[tuple[int, int]] = set()
     for count in (PARTNERS, len(pictures)):
         few = np.ones(len(pictures)) if count == PARTNERS else _matched(matches, len(pictures)) < FEW_MATCHES
-        pairs = _pairs(pictures, distance_m, count, np.flatnonzero(few).tolist()) - tried
+        pairs = pairs_of(pictures, distance_m, count, np.flatnonzero(few).tolist()) - tried
         done_before = len(tried)
         tried |= pairs
 
         def tell(done: int, total: int, before: int = done_before) -> None:
             progress("match", before + done, before + total)
 
-        matches |= _match_pairs(pairs, pictures, seen, optics, band_px, epipolar_px, pool, tell)
-    return matches
-
-
-def _pairs(pictures: list[SurveyPicture], distance_m: float, count: int, which: list[int]) -> set[tuple[int, int]]:
-    """Which of the pictures (indices), each with up to count others that overlap it most."""
-    near = overlapping(pictures, distance_m, count) if which else []
-    return {(min(i, j), max(i, j)) for i in which for j in near[i]}
-
-
-def _match_pairs(pairs: set[tuple[int, int]], taken: list[SurveyPicture], found: list[Features], optics: Optics,
-                 band_px: float, epipolar_px: float, pool: ThreadPoolExecutor,
-                 tell: Callable[[int, int], None],
-                 least: int = MIN_MATCHES) -> dict[tuple[int, int], Matches]:
-    """In order of the pairs; those without matches are left out."""
-    pictures = [replace(p, camera=optics.camera) for p in taken]
-    seen = [replace(f, points_px=optics.ideal(f.points_px)) for f in found]
-    matches: dict[tuple[int, int], Matches] = {}
-
-    def one(pair: tuple[int, int]) -> Matches:
-        i, j = pair
-        return match(pictures[i], pictures[j], seen[i], seen[j], band_px, epipolar_px, least)
-
-    ordered = sorted(pairs)
-    for done, (pair, of_pair) in enumerate(zip(ordered, pool.map(one, ordered), strict=True), start=1):
-        if len(of_pair):
-            matches[pair] = of_pair
-        tell(done, len(ordered))
+        matches |= match_pairs(pairs, pictures, seen, optics, band_px, epipolar_px, pool, tell)
     return matches
 
 
@@ -183,26 +153,10 @@ def _accompanied(pictures: list[SurveyPicture], explored: list[SurveyPicture], s
         return pictures
     everything = [*pictures, *(replace(w, camera=pictures[0].camera) for w in beside)]
     seen += pool.map(lambda w: features_of(w, pictures[0].camera), beside)
-    new = _pairs(everything, distance_m, PARTNERS, [*lonely.tolist(), *range(len(pictures), len(everything))])
-    matches |= _match_pairs(new - matches.keys(), everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
+    new = pairs_of(everything, distance_m, PARTNERS, [*lonely.tolist(), *range(len(pictures), len(everything))])
+    matches |= match_pairs(new - matches.keys(), everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
                             lambda done, total: progress("match", done, total))
     return everything
-
-
-def _second_look(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
-                 found: Adjusted, together: NDArray[np.bool_], distance_m: float, band_px: float,
-                 pool: ThreadPoolExecutor) -> dict[tuple[int, int], Matches]:
-    """Pictures that were adjusted together (n,) matched anew, nearer to the lines of their poses by now; the others
-    tied to the points of these."""
-    now = [replace(p, enu_from_camera=found.enu_from_camera[i], position_enu_m=found.position_enu_m[i])
-           for i, p in enumerate(pictures)]
-    pairs = _pairs(now, distance_m, PARTNERS, np.flatnonzero(together).tolist())
-    pairs = {(i, j) for i, j in pairs if together[i] and together[j]}
-    others = {pair: of_pair for pair, of_pair in matches.items() if not together[list(pair)].all()}
-    narrow = min(band_px, NARROW_PX * found.optics.camera.width_px / 1920.0)
-    again = _match_pairs(pairs, now, seen, found.optics, narrow, MAX_EPIPOLAR_PX, pool, lambda done, total: None,
-                         LEAST_NARROW)
-    return tied(now, seen, others | again, found, together, band_px)
 
 
 def _joined(found: Adjusted, pictures: int) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from perception.reconstruct.pictures import SurveyPicture, grey, read_colour
 WIDTH_PX = 960
 """Pictures are reduced to this width; full HD would take six times as long."""
 COUNT = 2000
+FINE_WIDTH_PX, FINE_COUNT = 1920, 6000
 CONTRAST = 0.02
 
 
@@ -33,11 +34,26 @@ class Features:
         best = np.argsort(-self.sizes_px, kind="stable")[:count]
         return Features(self.points_px[best], self.descriptors[best], self.sizes_px[best])
 
+    def with_more(self, more: Features) -> Features:
+        """These, and others of the same picture after them."""
+        return Features(np.concatenate([self.points_px, more.points_px]),
+                        np.concatenate([self.descriptors, more.descriptors]),
+                        np.concatenate([self.sizes_px, more.sizes_px]))
+
 
 def features(picture: SurveyPicture) -> Features:
     """The COUNT strongest of a survey picture. Raises UserError when it cannot be read."""
-    width = min(WIDTH_PX, picture.camera.width_px)
-    return sift(grey(read_colour(picture, width)), COUNT, picture.camera.width_px / width)
+    return _of(picture, WIDTH_PX, COUNT)
+
+
+def fine_features(picture: SurveyPicture) -> Features:
+    """The FINE_COUNT strongest at twice the width. Raises UserError when it cannot be read."""
+    return _of(picture, FINE_WIDTH_PX, FINE_COUNT)
+
+
+def _of(picture: SurveyPicture, width_px: int, count: int) -> Features:
+    width = min(width_px, picture.camera.width_px)
+    return sift(grey(read_colour(picture, width)), count, picture.camera.width_px / width)
 
 
 def sift(reduced: NDArray[np.uint8], count: int, scale: float) -> Features:

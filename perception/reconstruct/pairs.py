@@ -29,7 +29,17 @@ def stereo_partners(pictures: list[SurveyPicture], distance_m: float, count: int
 
 def overlapping(pictures: list[SurveyPicture], distance_m: float, count: int) -> list[list[int]]:
     """For each picture, up to `count` others that look at the same surface from any side, most overlap first."""
+    return _most(pictures, _overlap(pictures, distance_m), count)
+
+
+def overlapping_mutually(pictures: list[SurveyPicture], distance_m: float, count: int) -> list[list[int]]:
+    """The same, but overlap counts as little as either picture has of it: who sees the surface from much farther away
+    comes last, however much else is in its frame."""
     overlap = _overlap(pictures, distance_m)
+    return _most(pictures, np.minimum(overlap, overlap.T), count)
+
+
+def _most(pictures: list[SurveyPicture], overlap: Array, count: int) -> list[list[int]]:
     forward = np.array([p.forward_enu for p in pictures])
     overlap[forward @ forward.T < math.cos(math.radians(75.0))] = 0.0
     np.fill_diagonal(overlap, 0.0)
