@@ -25,6 +25,7 @@ from pymavlink.dialects.v20 import common as mav
 
 ROOMS = ("missions", "planning", "perception", "ground_station")
 ATOMS = frozenset({type(None), bool, int, float, str, bytes})
+NO_INTS = ATOMS - {int}
 LONGEST_INT = 2**63
 SPARSE_BYTES = 65536
 """Of arrays larger than this that are mostly zeros only the rest is kept."""
@@ -60,7 +61,7 @@ class Freezer:
         if type(o) in ATOMS and not (type(o) is int and abs(o) >= LONGEST_INT):
             return o
         if type(o) is tuple:
-            return [self.value(x, constant) for x in o]
+            return list(o) if NO_INTS.issuperset(map(type, o)) else [self.value(x, constant) for x in o]
         number = self._numbers.get(id(o))
         if number is None:
             number = self._numbers[id(o)] = len(self.table)
@@ -90,9 +91,9 @@ class Freezer:
 
     def _sequence(self, name: str, o: Any) -> list[Any]:
         kinds = set(map(type, o))
-        if kinds <= ATOMS - {int} or (kinds <= ATOMS and all(type(x) is not int or abs(x) < LONGEST_INT for x in o)):
+        if kinds <= NO_INTS or (kinds <= ATOMS and all(type(x) is not int or abs(x) < LONGEST_INT for x in o)):
             return ["atoms", name, list(o)]
-        if kinds == {tuple} and set(map(type, itertools.chain.from_iterable(o))) <= ATOMS - {int}:
+        if kinds == {tuple} and set(map(type, itertools.chain.from_iterable(o))) <= NO_INTS:
             return ["tuples", name, list(o)]
         return [name, [self.value(x) for x in o]]
 
@@ -104,7 +105,7 @@ class Freezer:
         if o.nbytes > SPARSE_BYTES and o.dtype.itemsize in (1, 2, 4, 8):
             flat = o.ravel(order).view(f"u{o.dtype.itemsize}")  # as whole numbers, for which -0.0 is not nothing
             if np.count_nonzero(flat) < len(flat) // 4:
-                at = np.flatnonzero(flat).astype(np.uint32 if len(flat) < 2**32 else np.uint64)
+                at = np.flatnonzero(flat != 0).astype(np.uint32 if len(flat) < 2**32 else np.uint64)
                 return ["sparse", *head, at.dtype.str, at.tobytes(), flat[at].tobytes()]
         return ["array", *head, o.tobytes(order)]
 

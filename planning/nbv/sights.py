@@ -88,7 +88,7 @@ class ImaginedMap:
         spans = [extent.indices(n)[:2] for extent, n in zip(self.box, self.occupancy.shape, strict=True)]
         lower, upper = np.array(spans, dtype=np.float64).T.copy()
         show(self.occupancy, bits, start, rays, lower, upper, range_m / self.voxel_m, SURELY)
-        voxel = np.flatnonzero(bits)
+        voxel = np.flatnonzero(bits != 0)  # numpy is three times as fast over booleans
         return Shown(voxel, bits.ravel()[voxel])
 
     def count_as_shown(self, shown: Shown) -> None:
