@@ -128,3 +128,15 @@ def test_who_stands_far_behind_is_no_close_partner() -> None:
     pictures = [taken_from(0, 0.0), beside, far]
     assert overlapping(pictures, DISTANCE_M, 1)[0] == [2]
     assert overlapping_mutually(pictures, DISTANCE_M, 1)[0] == [1]
+
+
+def test_what_was_matched_before_is_matched_anew_and_never_forgotten(pictures: list[SurveyPicture],
+                                                                     orders: dict[int, np.ndarray],
+                                                                     pool: ThreadPoolExecutor) -> None:
+    seen = [module.fine_features(p) for p in pictures]
+    look = Look(adjusted(pictures, [500] * 4), np.ones(4, np.bool_), DISTANCE_M, 20.0, 1)
+    apart = (0, 3)
+    assert apart not in second_look(pictures, 4, list(seen), {}, look, pool), "not each other's best partners"
+    found = second_look(pictures, 4, list(seen), {apart: np.zeros((1, 2), np.uint32)}, look, pool)[apart]
+    assert len(found) > 0.9 * POINTS
+    np.testing.assert_array_equal(orders[0][found[:, 0]], orders[3][found[:, 1]])

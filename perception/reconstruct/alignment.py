@@ -31,7 +31,7 @@ from perception.reconstruct.second_look import Look, second_look
 from perception.reconstruct.settings import Progress
 from perception.reconstruct.witnesses import features_of, of_the_first, witnesses
 
-METHOD = 6
+METHOD = 7
 """Raised whenever the poses change for the same input, so that stored ones are not taken for new ones."""
 PARTNERS = 20
 LONELY = 60

@@ -60,7 +60,8 @@ def second_look(pictures: list[SurveyPicture], survey: int, seen: list[Features]
     now = [replace(p, enu_from_camera=found.enu_from_camera[i], position_enu_m=found.position_enu_m[i])
            for i, p in enumerate(pictures)]
     pairs = pairs_of(now, look.distance_m, look.partners, np.flatnonzero(together).tolist())
-    pairs = {(i, j) for i, j in pairs if together[i] and together[j]}
+    # a picture whose best partners had nothing for it was matched with all others: that is not to be forgotten
+    pairs = {(i, j) for i, j in pairs | matches.keys() if together[i] and together[j]}
     others = {pair: of_pair for pair, of_pair in matches.items() if not together[list(pair)].all()}
     again = match_pairs(pairs, now, seen, found.optics, look.narrow_px, MAX_EPIPOLAR_PX, pool, least=LEAST_NARROW)
     all_of_them = tied(now, seen, others | again, found, together, look.band_px)
