@@ -125,7 +125,7 @@ class Director:
         if self.phase == "explore" and self._explore is not None:
             done, whole = self._explore.progress
         elif self._survey is not None:
-            done, whole = self._survey.survey.progress
+            done, whole = self._survey.progress
         else:
             return 0.0
         return (time.monotonic() - self._wall) * (whole - done) / done if done else 0.0

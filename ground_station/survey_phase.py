@@ -72,6 +72,12 @@ class SurveyPhase:
         """Whether every view has its outcome, and no other flight is to come."""
         return self.survey.over and self._map is None
 
+    @property
+    def progress(self) -> tuple[int, int]:
+        """(views with an outcome, all views) of all flights so far."""
+        whole = sum(len(ledger.outcomes()) for ledger in self._ledgers)
+        return whole - sum(ledger.open_count for ledger in self._ledgers), whole
+
     def _may_refine(self, completed: CompletedMap) -> bool:
         """Whether it is time for the second flight; where planning it takes long, whoever flies lands before."""
         if not completed.needs_time:
