@@ -22,7 +22,7 @@ from missions.run_folder import RunFolder
 from perception.products import mesh, model, model_files
 from perception.products.model import ModelSettings
 from perception.products.surface import Surface
-from perception.reconstruct import depth_stage, fuse_stage, outliers
+from perception.reconstruct import depth_stage, free_space, fuse_stage, outliers
 from perception.reconstruct.aligned_poses import alignment_numbers, read_poses
 from perception.reconstruct.alignment import align
 from perception.reconstruct.bundle import Accuracy
@@ -179,7 +179,8 @@ class Reconstruction:
         """Hash of all that the cloud depends on."""
         settings = msgspec.structs.replace(self.settings, threads=0, memory_gib=0.0)
         region = self.data.region()
-        about = [depth_stage.METHOD, fuse_stage.METHOD, outliers.METHOD, msgspec.json.encode(settings).decode(),
+        about = [depth_stage.METHOD, fuse_stage.METHOD, free_space.METHOD, outliers.METHOD,
+                 msgspec.json.encode(settings).decode(),
                  picture_key(self.pictures), region.lower_enu_m.tolist(), region.upper_enu_m.tolist()]
         if self.data.mission.reconstruct.thin_members:
             about.append(f"thin members {thin_stage.METHOD}")

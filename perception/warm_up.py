@@ -5,6 +5,7 @@ Calling what a mission calls compiles exactly the types and memory layouts that 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from perception.products.surface import Surface
 from perception.reconstruct.cloud import Cloud
 from perception.reconstruct.depth_map import merge_pairs
 from perception.reconstruct.features import Features
+from perception.reconstruct.free_space import not_looked_through
 from perception.reconstruct.fusion import PosedDepth, support
 from perception.reconstruct.matching import match, nearest_anywhere
 from perception.reconstruct.optics import Optics
@@ -78,7 +80,9 @@ def _fuse(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32
     own, other = (PosedDepth(depth, pose.enu_from_camera, np.array(pose.position_enu_m)) for pose in poses)
     support(own, [other], camera)
     point = np.zeros((1, 3), np.float32)
-    without_outliers(Cloud(point, point.astype(np.uint8), point, np.ones(1, np.uint8)), 0.03)
+    cloud = Cloud(point, point.astype(np.uint8), point, np.ones(1, np.uint8))
+    not_looked_through(cloud, [replace(own, depth=depth.copy())], camera, 1.0)
+    without_outliers(cloud, 0.03)
     seen = Features(np.zeros((1, 2), np.float32), np.zeros((1, 128), np.uint8), np.zeros(1, np.float32))
     first, second = (SurveyPicture(k, Path(), camera, pose.enu_from_camera, np.array(pose.position_enu_m))
                      for k, pose in enumerate(poses))

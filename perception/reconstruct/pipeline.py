@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from perception.reconstruct.cloud import Cloud, on_grid, without_islands
 from perception.reconstruct.depth_stage import depth_maps
+from perception.reconstruct.free_space import FARTHEST_DISTANCES, not_looked_through
 from perception.reconstruct.fuse_stage import fused
+from perception.reconstruct.fusion import PosedDepth
 from perception.reconstruct.open_sky import sky_votes
 from perception.reconstruct.outliers import without_outliers
 from perception.reconstruct.pictures import SurveyPicture, require_enough
@@ -37,8 +40,16 @@ def reconstruct(pictures: list[SurveyPicture], region: Region, settings: Setting
     with single_threaded_libraries():
         paths = depth_maps(pictures, settings, depth_folder, progress)
         cloud = fused(pictures, paths, region, settings, progress)
+        cloud = not_looked_through(cloud, _posed(pictures, paths), pictures[0].camera_at(settings.depth_width_px),
+                                   FARTHEST_DISTANCES * settings.distance_m, settings.threads)
     cloud = without_outliers(cloud, settings.spacing_m, settings.threads)
     return without_islands(cloud, ISLAND_SPACINGS * settings.spacing_m)
+
+
+def _posed(pictures: list[SurveyPicture], paths: list[Path]) -> Iterator[PosedDepth]:
+    """One depth map after the other, so that no two are in memory."""
+    for picture, path in zip(pictures, paths, strict=True):
+        yield PosedDepth(np.load(path), picture.enu_from_camera, picture.position_enu_m)
 
 
 def with_thin_members(cloud: Cloud, pictures: list[SurveyPicture], region: Region, settings: Settings,
