@@ -16,6 +16,7 @@ from missions.run_folder import RunFolder
 
 log = logging.getLogger(__name__)
 
+
 @contextmanager
 def in_charge(run: RunFolder) -> Iterator[bool]:
     """Whether what follows the flight is up to this process: nobody else who sees to it is alive."""

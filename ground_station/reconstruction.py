@@ -87,7 +87,7 @@ class Reconstruction:
         pictures, mission = self.data.survey_pictures(), self.data.mission
         require_enough(pictures)
         accuracy, spec, lens = Accuracy.of(mission.camera), mission.reconstruct, mission.camera.distortion
-        if (accuracy.exact and not spec.calibrate) or not spec.align:
+        if (mission.camera.exact_poses and not spec.calibrate) or not spec.align:
             shutil.rmtree(self.run.alignment, ignore_errors=True)
             return straightened(pictures, Optics(pictures[0].camera, lens), self.run.straightened, self.tell)
         alignment = align(pictures, accuracy, mission.survey.distance_m, self.run.alignment, self.settings.threads,

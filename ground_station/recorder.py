@@ -152,7 +152,7 @@ class Recorder:
         """Write explore_depth.npz: depth by view id, all of one size."""
         known = [np.where(d.valid, d.depth_m, np.nan).astype(np.float16) for d in depths.values()]
         self._keep(self.run.explore_depth, _npz(view_id=np.array(list(depths), dtype=np.int64),
-                                                 depth_m=np.array(known)))
+                                                depth_m=np.array(known)))
 
     def write(self, t_ns: int) -> None:
         """Write trajectories.npz, flight.json and the rest of the tlog; a phase that was cut short ends here. Raises

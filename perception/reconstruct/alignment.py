@@ -155,7 +155,7 @@ def _accompanied(pictures: list[SurveyPicture], explored: list[SurveyPicture], s
     seen += pool.map(lambda w: features_of(w, pictures[0].camera), beside)
     new = pairs_of(everything, distance_m, PARTNERS, [*lonely.tolist(), *range(len(pictures), len(everything))])
     matches |= match_pairs(new - matches.keys(), everything, seen, optics, band_px, MAX_EPIPOLAR_PX, pool,
-                            lambda done, total: progress("match", done, total))
+                           lambda done, total: progress("match", done, total))
     return everything
 
 

@@ -54,11 +54,6 @@ class Accuracy:
         """What a mission file says of its survey's poses."""
         return cls(camera.position_sigma_m, math.radians(camera.attitude_sigma_deg))
 
-    @property
-    def exact(self) -> bool:
-        """Nothing is left to align."""
-        return self.position_m == 0.0 and self.attitude_rad == 0.0
-
     def pixels(self, camera: Camera, distance_m: float) -> float:
         """How far a point at this distance moves in the picture, one standard deviation."""
         return camera.fx_px * math.hypot(self.attitude_rad, self.position_m / distance_m)
