@@ -26,6 +26,7 @@ from perception.reconstruct.features import Features
 from perception.reconstruct.free_space import not_looked_through
 from perception.reconstruct.fusion import PosedDepth, support
 from perception.reconstruct.matching import match, nearest_anywhere
+from perception.reconstruct.onlookers import Onlookers
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.outliers import without_outliers
 from perception.reconstruct.pictures import SurveyPicture
@@ -79,6 +80,7 @@ def _fuse(camera: Camera, poses: list[Pose], depth: np.typing.NDArray[np.float32
     depth.setflags(write=False)  # a pipeline reads its depth maps from files mapped read-only
     own, other = (PosedDepth(depth, pose.enu_from_camera, np.array(pose.position_enu_m)) for pose in poses)
     support(own, [other], camera)
+    Onlookers([own, other], camera).of(0, 1)
     point = np.zeros((1, 3), np.float32)
     cloud = Cloud(point, point.astype(np.uint8), point, np.ones(1, np.uint8))
     not_looked_through(cloud, [replace(own, depth=depth.copy())], camera, 1.0)

@@ -17,12 +17,12 @@ from perception.reconstruct.cloud import Cloud, on_grid, voxels
 from perception.reconstruct.depth_stage import largest_px, save_array
 from perception.reconstruct.fusion import PosedDepth, Support, normals_camera, points_camera, support
 from perception.reconstruct.nearness import Nearness
-from perception.reconstruct.pairs import overlapping
+from perception.reconstruct.onlookers import Onlookers
 from perception.reconstruct.pictures import SurveyPicture, read_colour
 from perception.reconstruct.resources import GIB, LIBRARIES_GIB, LastUsed, room
 from perception.reconstruct.settings import Progress, Region, Settings
 
-METHOD = 3
+METHOD = 4
 """Raised whenever the points change for the same depth maps."""
 WORK_BYTES_PER_PX = 200
 """Of a thread that checks a picture; 70 to 120 were measured."""
@@ -49,22 +49,25 @@ def _parts(pictures: list[SurveyPicture], depth_paths: list[Path], region: Regio
            progress: Progress) -> list[Path]:
     """A file of RECORDs per picture, by layers across the first axis; made where missing."""
     key = _key(depth_paths, region, settings)
+    camera = pictures[0].camera_at(settings.depth_width_px)
     paths = [path.with_name(f"{key}-{i:04d}.npy") for i, path in enumerate(depth_paths)]
     missing = [i for i, path in enumerate(paths) if not path.is_file()]
     pixels = largest_px(pictures, settings)
     there = room(settings.memory_gib, settings.threads, WORK_BYTES_PER_PX * pixels,
                  4 * pixels * (settings.check_against + 1))
     depths = LastUsed(lambda i: np.load(depth_paths[i]), lambda depth: depth.nbytes, there.kept_bytes)
-    others = overlapping(pictures, settings.distance_m, settings.check_against)
 
     def posed(i: int) -> PosedDepth:
         return PosedDepth(depths[i], pictures[i].enu_from_camera, pictures[i].position_enu_m)
 
     def make(i: int) -> None:
-        found = support(posed(i), (posed(j) for j in others[i]), pictures[i].camera_at(settings.depth_width_px))
+        others = onlookers.of(i, settings.check_against)
+        found = support(posed(i), (posed(j) for j in others), camera)
         thin = on_grid(_points(pictures[i], found, region, settings), settings.spacing_m)
         save_array(paths[i], records_of(in_layers(thin, settings.spacing_m)))
 
+    if missing:
+        onlookers = Onlookers((posed(i) for i in range(len(pictures))), camera)
     with ThreadPoolExecutor(there.threads) as pool:
         for done, _ in enumerate(pool.map(make, missing), start=len(pictures) - len(missing) + 1):
             progress("fuse", done, len(pictures))
