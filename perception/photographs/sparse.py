@@ -22,7 +22,7 @@ from perception.photographs.mapping import map_matched
 from perception.photographs.pairs import candidate_pairs
 from perception.photographs.photograph import Photograph, read_pixels
 from perception.reconstruct.features import Features, sift
-from perception.reconstruct.matching import MIN_MATCHES, Matches, nearest_anywhere
+from perception.reconstruct.matching import MIN_MATCHES, ByPair, nearest_anywhere
 from perception.reconstruct.resources import single_threaded_libraries
 
 pycolmap.logging.minloglevel = 2
@@ -90,7 +90,7 @@ def _kept_features(photograph: Photograph, folder: Path) -> Features:
 
 
 def _matches(seen: list[Features], position_enu_m: Array, path: Path, pool: Executor,
-             tell: Tell) -> dict[tuple[int, int], Matches]:
+             tell: Tell) -> ByPair:
     """By pair; pairs with fewer than MIN_MATCHES are left out."""
     if path.is_file():
         with np.load(path) as kept:
@@ -99,7 +99,7 @@ def _matches(seen: list[Features], position_enu_m: Array, path: Path, pool: Exec
     tell("pairs", 0, 1)
     pairs = candidate_pairs(seen, position_enu_m, pool)
     tell("pairs", 1, 1)
-    found: dict[tuple[int, int], Matches] = {}
+    found: ByPair = {}
     for done, (pair, of_pair) in enumerate(zip(pairs, pool.map(
             lambda pair: nearest_anywhere(seen[pair[0]], seen[pair[1]]), pairs), strict=True), start=1):
         if len(of_pair) >= MIN_MATCHES:

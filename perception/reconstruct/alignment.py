@@ -22,7 +22,7 @@ from perception.reconstruct.aligned_poses import AlignedPose, Alignment, read_al
 from perception.reconstruct.bundle import Accuracy, Adjusted, adjust, carried_by
 from perception.reconstruct.control_points import ControlPoint
 from perception.reconstruct.features import Features, features
-from perception.reconstruct.matching import MAX_EPIPOLAR_PX, Matches
+from perception.reconstruct.matching import MAX_EPIPOLAR_PX, ByPair
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.pair_matching import match_pairs, pairs_of
 from perception.reconstruct.pictures import SurveyPicture, picture_key, require_enough
@@ -117,9 +117,9 @@ def _key(pictures: list[SurveyPicture], accuracy: Accuracy, wishes: str) -> str:
 
 
 def _matches(pictures: list[SurveyPicture], seen: list[Features], optics: Optics, distance_m: float, band_px: float,
-             epipolar_px: float, pool: ThreadPoolExecutor, progress: Progress) -> dict[tuple[int, int], Matches]:
+             epipolar_px: float, pool: ThreadPoolExecutor, progress: Progress) -> ByPair:
     """Matches by pair, of each picture with its best partners, and with more where that gives too few."""
-    matches: dict[tuple[int, int], Matches] = {}
+    matches: ByPair = {}
     tried: set[tuple[int, int]] = set()
     for count in (PARTNERS, len(pictures)):
         few = np.ones(len(pictures)) if count == PARTNERS else _matched(matches, len(pictures)) < FEW_MATCHES
@@ -134,7 +134,7 @@ def _matches(pictures: list[SurveyPicture], seen: list[Features], optics: Optics
     return matches
 
 
-def _matched(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[np.int64]:
+def _matched(matches: ByPair, pictures: int) -> NDArray[np.int64]:
     """(n,) matches of every picture."""
     total = np.zeros(pictures, dtype=np.int64)
     for pair, found in matches.items():
@@ -143,7 +143,7 @@ def _matched(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[
 
 
 def _accompanied(pictures: list[SurveyPicture], explored: list[SurveyPicture], seen: list[Features],
-                 matches: dict[tuple[int, int], Matches], optics: Optics, distance_m: float, band_px: float,
+                 matches: ByPair, optics: Optics, distance_m: float, band_px: float,
                  pool: ThreadPoolExecutor, progress: Progress) -> list[SurveyPicture]:
     """The pictures and, after them, exploration's beside those that have few matches or none with most others. What
     these see, and their matches, are added to those given."""
@@ -165,7 +165,7 @@ def _joined(found: Adjusted, pictures: int) -> NDArray[np.bool_]:
     return np.asarray(np.bincount(groups)[groups] >= LARGE_SHARE * pictures)
 
 
-def _apart(matches: dict[tuple[int, int], Matches], pictures: int) -> NDArray[np.bool_]:
+def _apart(matches: ByPair, pictures: int) -> NDArray[np.bool_]:
     """(n,) which pictures no chain of matches joins with most others."""
     first, second = np.array(sorted(matches), dtype=np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(pictures, pictures))

@@ -19,7 +19,7 @@ from missions.lens import distorted, pixels
 from missions.mission import CameraSpec
 from perception.reconstruct.control_points import ControlPoint, Found, find, similarity
 from perception.reconstruct.features import Features
-from perception.reconstruct.matching import SEED, Matches
+from perception.reconstruct.matching import SEED, ByPair, Matches
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 
@@ -90,7 +90,7 @@ class Adjusted:
         return np.asarray(np.linalg.norm(ahead - self.seen_px, axis=1))
 
 
-def adjust(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
+def adjust(pictures: list[SurveyPicture], seen: list[Features], matches: ByPair,
            accuracy: Accuracy, first_px: float, optics: Optics, calibrate: bool = False,
            control: list[ControlPoint] | None = None) -> Adjusted:
     """Triangulate at the measured poses, adjust, and again with tighter limits; deterministic.
@@ -132,7 +132,7 @@ def carried_by(sim: pycolmap.Sim3d, pictures: list[SurveyPicture]) -> list[Surve
                     position_enu_m=matrix[:, :3] @ p.position_enu_m + matrix[:, 3]) for p in pictures]
 
 
-def _database(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches],
+def _database(pictures: list[SurveyPicture], seen: list[Features], matches: ByPair,
               linked: list[int], camera: pycolmap.Camera) -> pycolmap.Database:
     """Picture i is image, frame and camera position i + 1; its arms are images of the same frame."""
     database = pycolmap.Database.open(":memory:")

@@ -16,6 +16,8 @@ from perception.reconstruct.pictures import SurveyPicture
 
 Matches = NDArray[np.uint32]
 """(m, 2) indices into the features of the first and of the second picture."""
+ByPair = dict[tuple[int, int], Matches]
+"""Of pictures, the first one's index before the second one's."""
 
 MAX_RATIO = 0.8
 """The second nearest descriptor must be farther by this much (Lowe 2004)."""

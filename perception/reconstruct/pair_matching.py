@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from perception.reconstruct.features import Features
-from perception.reconstruct.matching import MIN_MATCHES, Matches, match
+from perception.reconstruct.matching import MIN_MATCHES, ByPair, Matches, match
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.pairs import overlapping
 from perception.reconstruct.pictures import SurveyPicture
@@ -22,11 +22,11 @@ def pairs_of(pictures: list[SurveyPicture], distance_m: float, count: int, which
 def match_pairs(pairs: set[tuple[int, int]], taken: list[SurveyPicture], found: list[Features], optics: Optics,
                 band_px: float, epipolar_px: float, pool: ThreadPoolExecutor,
                 tell: Callable[[int, int], None] = lambda done, total: None,
-                least: int = MIN_MATCHES) -> dict[tuple[int, int], Matches]:
+                least: int = MIN_MATCHES) -> ByPair:
     """In order of the pairs; those without matches are left out."""
     pictures = [replace(p, camera=optics.camera) for p in taken]
     seen = [replace(f, points_px=optics.ideal(f.points_px)) for f in found]
-    matches: dict[tuple[int, int], Matches] = {}
+    matches: ByPair = {}
 
     def one(pair: tuple[int, int]) -> Matches:
         i, j = pair

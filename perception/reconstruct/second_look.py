@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from perception.reconstruct.bundle import Adjusted
 from perception.reconstruct.features import WIDTH_PX, Features, fine_features
-from perception.reconstruct.matching import MAX_EPIPOLAR_PX, MIN_MATCHES, Matches
+from perception.reconstruct.matching import MAX_EPIPOLAR_PX, MIN_MATCHES, ByPair
 from perception.reconstruct.pair_matching import match_pairs, pairs_of
 from perception.reconstruct.pairs import overlapping_mutually
 from perception.reconstruct.pictures import SurveyPicture
@@ -28,8 +28,6 @@ LEAST_NARROW = 20
 FEW_POINTS = 100
 """A picture that sees fewer is looked at closer."""
 CLOSE_PARTNERS = 10
-
-ByPair = dict[tuple[int, int], Matches]
 
 
 @dataclass(frozen=True)

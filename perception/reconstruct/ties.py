@@ -18,7 +18,7 @@ from missions.frames import Array
 from perception.depth.compiled import compiled
 from perception.reconstruct.bundle import Adjusted
 from perception.reconstruct.features import Features
-from perception.reconstruct.matching import MAX_RATIO, SEED, Matches
+from perception.reconstruct.matching import MAX_RATIO, SEED, ByPair, Matches
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.pictures import SurveyPicture
 
@@ -60,8 +60,8 @@ class Known:
                    descriptors.reshape(-1, 128))
 
 
-def tied(pictures: list[SurveyPicture], seen: list[Features], matches: dict[tuple[int, int], Matches], found: Adjusted,
-         together: NDArray[np.bool_], reach_px: float) -> dict[tuple[int, int], Matches]:
+def tied(pictures: list[SurveyPicture], seen: list[Features], matches: ByPair, found: Adjusted,
+         together: NDArray[np.bool_], reach_px: float) -> ByPair:
     """The matches, and beside them those of pictures that are not together (n,) with the ones that are.
 
     found: what bundle adjustment made of the matches; pictures are taken to be where it puts them.
