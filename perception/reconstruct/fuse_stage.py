@@ -49,9 +49,11 @@ def _parts(pictures: list[SurveyPicture], depth_paths: list[Path], region: Regio
            progress: Progress) -> list[Path]:
     """A file of RECORDs per picture, by layers across the first axis; made where missing."""
     key = _key(depth_paths, region, settings)
-    camera = pictures[0].camera_at(settings.depth_width_px)
     paths = [path.with_name(f"{key}-{i:04d}.npy") for i, path in enumerate(depth_paths)]
     missing = [i for i, path in enumerate(paths) if not path.is_file()]
+    if not missing:
+        return paths
+    camera = pictures[0].camera_at(settings.depth_width_px)
     pixels = largest_px(pictures, settings)
     there = room(settings.memory_gib, settings.threads, WORK_BYTES_PER_PX * pixels,
                  4 * pixels * (settings.check_against + 1))
@@ -60,14 +62,14 @@ def _parts(pictures: list[SurveyPicture], depth_paths: list[Path], region: Regio
     def posed(i: int) -> PosedDepth:
         return PosedDepth(depths[i], pictures[i].enu_from_camera, pictures[i].position_enu_m)
 
+    onlookers = Onlookers((posed(i) for i in range(len(pictures))), camera)
+
     def make(i: int) -> None:
         others = onlookers.of(i, settings.check_against)
         found = support(posed(i), (posed(j) for j in others), camera)
         thin = on_grid(_points(pictures[i], found, region, settings), settings.spacing_m)
         save_array(paths[i], records_of(in_layers(thin, settings.spacing_m)))
 
-    if missing:
-        onlookers = Onlookers((posed(i) for i in range(len(pictures))), camera)
     with ThreadPoolExecutor(there.threads) as pool:
         for done, _ in enumerate(pool.map(make, missing), start=len(pictures) - len(missing) + 1):
             progress("fuse", done, len(pictures))
