@@ -146,3 +146,21 @@ def test_pictures_that_found_the_same_line_are_counted_once_each() -> None:
     assert count.tolist() == [2, 2, 2, 1, 1], "two pictures; one beside; one across"
     np.testing.assert_allclose(place[:3, 1:], 0.0, atol=1e-9)
     np.testing.assert_allclose(np.abs(line[:3, 0]), 1.0)
+
+
+def test_what_is_found_in_a_region_does_not_depend_on_where_it_ends(tmp_path: Path) -> None:
+    """Pictures on a lattice before lines a quarter of its step apart, just below the region: one line further in each,
+    they all agree on a place within."""
+    rows = [np.array([[-HALF_M, y, 4.8], [HALF_M, y, 4.8]]) for y in np.arange(-1.5, 1.6, 0.3)]
+    pictures = []
+    for k, (x, y) in enumerate((x, y) for x in (-1.0, 1.0) for y in np.arange(-2.4, 2.5, 1.2)):
+        pose = Pose((x, float(y), 12.0), np.pi / 2, np.radians(-80.0))
+        path = tmp_path / f"{k}.png"
+        cv2.imwrite(str(path), drawn(rows, CAMERA, pose, k))
+        pictures.append(SurveyPicture(k, path, CAMERA, pose.enu_from_camera, np.array(pose.position_enu_m)))
+    deeper = Region(REGION.lower_enu_m - [0.0, 0.0, 0.5], REGION.upper_enu_m)
+    alone, within = (thin_members(pictures, region, SETTINGS, lambda stage, done, total: None)
+                     for region in (REGION, deeper))
+    above = int(REGION.contains(within.points_enu_m).sum())
+    assert above < 0.8 * len(within), "most of the lines are seen where they are"
+    assert abs(len(alone) - above) <= 0.05 * above
