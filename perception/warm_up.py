@@ -34,6 +34,7 @@ from perception.reconstruct.refinement import refined
 from perception.reconstruct.stereo import Eye, PairDepth
 from perception.reconstruct.ties import Known, ties
 from perception.wires.agreement import agree
+from perception.wires.crowds import alone
 from perception.wires.lookup import gathered, rays_enu, sorted_lines
 from perception.wires.mutual import drawn_together
 from perception.wires.ridges import ridges
@@ -101,7 +102,7 @@ def _lines(poses: list[Pose]) -> None:
     picture[:, 30] = 0
     pictures = [SurveyPicture(k, Path(), CAMERA, p.enu_from_camera, np.array(p.position_enu_m))
                 for k, p in enumerate(poses)]
-    lines = [sorted_lines(ridges(picture), p) for p in pictures]
+    lines = [alone(sorted_lines(ridges(picture), p), p) for p in pictures]
     own, rays, out = lines[0], rays_enu(lines[0].ridges, pictures[0]), np.zeros((len(lines[0].normal), 9))
     agree(np.tile([1.0, 9.0], (len(rays), 1)), own.normal, rays, pictures[0].position_enu_m, CAMERA.fx_px,
           gathered(pictures[1:], lines[1:]), 1, out)

@@ -14,6 +14,7 @@ from perception.reconstruct.pictures import SurveyPicture, grey, read_colour
 from perception.reconstruct.resources import in_order
 from perception.reconstruct.settings import Progress, Region, Settings
 from perception.wires.agreement import agree
+from perception.wires.crowds import alone
 from perception.wires.lookup import Lines, gathered, rays_enu, sorted_lines
 from perception.wires.mutual import drawn_together
 from perception.wires.partners import partners_of
@@ -21,7 +22,7 @@ from perception.wires.ridges import ridges
 
 EVERY = 3
 """One in so many samples of a line is looked for in space; all of them confirm what others find."""
-METHOD = 2
+METHOD = 3
 """Raised whenever the points change for the same pictures."""
 NEAREST_M = 2.0
 AROUND_M = 1.0
@@ -79,7 +80,7 @@ def thin_members(pictures: list[SurveyPicture], region: Region, settings: Settin
 
 
 def _lines(picture: SurveyPicture) -> Lines:
-    return sorted_lines(ridges(grey(read_colour(picture, picture.camera.width_px))), picture)
+    return alone(sorted_lines(ridges(grey(read_colour(picture, picture.camera.width_px))), picture), picture)
 
 
 def _found(search: _Search, i: int) -> NDArray[np.void]:
