@@ -151,9 +151,9 @@ def test_pictures_that_found_the_same_line_are_counted_once_each() -> None:
 def test_what_is_found_in_a_region_does_not_depend_on_where_it_ends(tmp_path: Path) -> None:
     """Pictures on a lattice before lines a quarter of its step apart, just below the region: one line further in each,
     they all agree on a place within."""
-    rows = [np.array([[-HALF_M, y, 4.8], [HALF_M, y, 4.8]]) for y in np.arange(-1.5, 1.6, 0.3)]
+    rows = [np.array([[-HALF_M, y, 4.8], [HALF_M, y, 4.8]]) for y in np.arange(-2.5, 2.6, 0.5)]
     pictures = []
-    for k, (x, y) in enumerate((x, y) for x in (-1.0, 1.0) for y in np.arange(-2.4, 2.5, 1.2)):
+    for k, (x, y) in enumerate((x, y) for x in (-1.0, 0.0, 1.0) for y in np.arange(-4.0, 4.1, 2.0)):
         pose = Pose((x, float(y), 12.0), np.pi / 2, np.radians(-80.0))
         path = tmp_path / f"{k}.png"
         cv2.imwrite(str(path), drawn(rows, CAMERA, pose, k))
