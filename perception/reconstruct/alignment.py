@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from perception.reconstruct.control_points import ControlPoint
 from perception.reconstruct.features import Features, features
 from perception.reconstruct.matching import MAX_EPIPOLAR_PX, ByPair
 from perception.reconstruct.optics import Optics
+from perception.reconstruct.pair_consensus import adjust_agreeing
 from perception.reconstruct.pair_matching import match_pairs, pairs_of
 from perception.reconstruct.pictures import SurveyPicture, picture_key, require_enough
 from perception.reconstruct.resources import single_threaded_libraries
@@ -31,7 +33,7 @@ from perception.reconstruct.second_look import Look, second_look
 from perception.reconstruct.settings import Progress
 from perception.reconstruct.witnesses import features_of, of_the_first, witnesses
 
-METHOD = 7
+METHOD = 8
 """Raised whenever the poses change for the same input, so that stored ones are not taken for new ones."""
 PARTNERS = 20
 LONELY = 60
@@ -84,13 +86,15 @@ def align(pictures: list[SurveyPicture], accuracy: Accuracy, distance_m: float, 
         matches = _matches(pictures, seen, optics, distance_m, band_px, MAX_EPIPOLAR_PX, pool, progress)
         everything = _accompanied(pictures, list(explored), seen, matches, optics, distance_m, band_px, pool, progress)
         progress("adjust", 0, 2)
-        found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, optics, calibrate, list(control))
+        agreed = partial(adjust_agreeing, everything, seen, accuracy=accuracy, first_px=0.5 * band_px,
+                         calibrate=calibrate, control=list(control))
+        matches, found = agreed(matches, optics=optics)
         progress("adjust", 1, 2)
         joined = _joined(found, len(everything))
         if not joined.all():
             look = Look(found, joined, distance_m, band_px, PARTNERS)
             matches = second_look(everything, len(pictures), seen, matches, look, pool)
-            found = adjust(everything, seen, matches, accuracy, 0.5 * band_px, found.optics, calibrate, list(control))
+            _, found = agreed(matches, optics=found.optics)
     adjusted = of_the_first(found, len(pictures))
     measured = pictures if adjusted.carried is None else carried_by(adjusted.carried, pictures)
     write_alignment(folder, key, pictures, _judged(measured, adjusted, accuracy), adjusted)

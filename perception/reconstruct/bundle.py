@@ -36,6 +36,9 @@ LAST_ROUNDS_PX = (4.0, 2.0)
 SEEN_SIGMA_PX = 0.5
 """How exactly points are seen, a few wrong ones among them. COLMAP takes it for one pixel, so priors are widened."""
 LOSS_PX = 0.5
+DIRECT_UP_TO = 100_000
+"""Images. COLMAP solves more than 1,000 by iterations, which takes three times as long; the arms are images as well,
+without poses of their own."""
 ITERATIONS = 15
 TOLERANCE = 1e-5
 LEAST_POSITION_M = 1e-3
@@ -219,6 +222,7 @@ def _solve(model: pycolmap.Reconstruction, pictures: list[SurveyPicture], linked
         refine_sensor_from_rig=False, print_summary=False)
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = LOSS_PX
+    options.ceres.max_num_images_direct_sparse_cpu_solver = DIRECT_UP_TO
     solver = options.ceres.solver_options
     solver.max_num_iterations, solver.function_tolerance, solver.num_threads = ITERATIONS, TOLERANCE, 1
     config = pycolmap.BundleAdjustmentConfig()
