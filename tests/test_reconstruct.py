@@ -28,7 +28,7 @@ from perception.reconstruct.pictures import SurveyPicture, read_colour
 from perception.reconstruct.pipeline import reconstruct
 from perception.reconstruct.resources import LastUsed, room
 from perception.reconstruct.settings import Region, Settings
-from perception.reconstruct.stereo import Eye, PairDepth, pair_depth
+from perception.reconstruct.stereo import Eye, PairDepth, pair_depths
 from tests.reconstruct_scene import CAMERA, looking_at, photograph, survey, wall_and_box
 
 pytestmark = pytest.mark.xdist_group("reconstruct")
@@ -150,8 +150,7 @@ def test_a_pair_measures_depth_whatever_its_baseline(offset: tuple[float, float,
     for seed, pose in enumerate(poses):
         grey = cv2.cvtColor(photograph(surfaces, pose, seed=seed), cv2.COLOR_BGR2GRAY)
         eyes.append(Eye(grey, np.zeros(grey.shape, bool), CAMERA, pose.enu_from_camera, np.array(pose.position_enu_m)))
-    found = pair_depth(eyes[0], eyes[1], near_m=2.0, far_m=40.0)
-    assert found is not None
+    found, = pair_depths(eyes[0], eyes[1:], near_m=2.0, far_m=40.0)
     inner = found.inverse_depth[100:-100, 150:-150]
     assert np.isfinite(inner).mean() > 0.95
     assert np.nanmedian(np.abs(1.0 / inner - 5.0)) < 0.01
@@ -161,7 +160,7 @@ def test_pictures_that_share_nothing_give_no_depth() -> None:
     eyes = [Eye(np.zeros((360, 640), np.uint8), np.zeros((360, 640), bool), CAMERA, pose.enu_from_camera,
                 np.array(pose.position_enu_m))
             for pose in (looking_at((0, -5, 3), (0, 0, 3)), looking_at((0.5, -5, 3), (0.5, -9, 3)))]
-    assert pair_depth(eyes[0], eyes[1], near_m=2.0, far_m=40.0) is None
+    assert pair_depths(eyes[0], eyes[1:], near_m=2.0, far_m=40.0) == []
 
 
 def test_partners_have_parallax_and_differing_baselines(pictures: list[SurveyPicture]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera, Pose
+from perception.accelerator import torch_device
 from perception.depth import semi_global, texture
 from perception.depth.cost_volume import WINDOW_PX, cost_volume
 from perception.depth.depth_map import DepthMap, Image
@@ -48,8 +49,8 @@ class SweepSettings:
     """Smallest share of gradient energy along an epipolar line; below, a straight edge matches at any depth."""
     sigma_px: float = 0.35
     """Standard deviation of matching, in pixels of the volume."""
-    device: str = ""
-    """A torch device for the volume, such as cuda; none for the compiled loops."""
+    device: str | None = None
+    """A torch device for the volume, "" for the compiled loops; by default the GPU if there is one."""
 
 
 @dataclass(frozen=True)
@@ -148,9 +149,9 @@ def _cost_volume(target: Frame, sources: list[Frame], terms: tuple[Image, Image]
                  settings: SweepSettings) -> NDArray[np.int16]:
     """(h, w, planes) mean 1 - ZNCC of the better half of the sources, times COST_SCALE."""
     images = np.stack([source.gray for source in sources])
-    if settings.device:
+    device = torch_device() if settings.device is None else settings.device
+    if device:
         from perception.depth import torch_volume  # here, for torch takes seconds and memory to import
 
-        return torch_volume.cost_volume(target.gray, images, terms, planes, settings.unseen_cost, COST_SCALE,
-                                        settings.device)
+        return torch_volume.cost_volume(target.gray, images, terms, planes, settings.unseen_cost, COST_SCALE, device)
     return cost_volume(target.gray, images, terms, planes, settings.unseen_cost, COST_SCALE)

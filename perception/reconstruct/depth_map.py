@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.reconstruct.refinement import refined
-from perception.reconstruct.stereo import Eye, Map, PairDepth, pair_depth
+from perception.reconstruct.stereo import Eye, Map, PairDepth, pair_depths
 
 AGREE_PX = 1.0
 """Two pairs agree when their depths differ by less than this much disparity of the weaker one."""
@@ -19,8 +19,8 @@ def depth_map(reference: Eye, partners: list[Eye], near_m: float, far_m: float) 
 
     The sky counts as seen: it tells that nothing floats before it, and that what was matched into it is no surface.
     """
-    pairs = [pair_depth(reference, partner, near_m, far_m) for partner in partners]
-    depth = refined(reference, partners, merge_pairs([p for p in pairs if p is not None], reference.grey.shape))
+    pairs = pair_depths(reference, partners, near_m, far_m)
+    depth = refined(reference, partners, merge_pairs(pairs, reference.grey.shape))
     depth[reference.sky] = np.inf
     return depth
 

@@ -1,7 +1,7 @@
-"""Depth of one picture from one partner: rectification for known poses, then semi-global matching.
+"""Depth of one picture from its partners: rectification for known poses, then semi-global matching.
 
-Semi-global matching: Hirschmüller 2008, in OpenCV's StereoSGBM. The rectified x axis runs from the reference to its
-partner, wherever that lies, so that disparities are positive for baselines to any side, also up and down.
+The rectified x axis runs from the reference to its partner, wherever that lies, so that disparities are positive for
+baselines to any side, also up and down.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera
 from missions.frames import Array
+from perception.reconstruct.semi_global import RectifiedPair, disparities
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 
-BLOCK_PX = 5
-UNIQUENESS_PERCENT = 10
-PATHS = cv2.StereoSGBM_MODE_SGBM
 MAX_DISPARITIES = 320
 COARSE_SCALE = 0.25
 BORDER_PX = 4
@@ -62,16 +60,30 @@ class _Rectified:
     axis_enu: Array
 
 
-def pair_depth(reference: Eye, partner: Eye, near_m: float, far_m: float) -> PairDepth | None:
-    """Match two pictures. None when they share too little of the scene between near_m and far_m.
+@dataclass(frozen=True)
+class _Warped:
+    """A rectified pair's pictures, and where they lie inside their frames."""
+
+    pair: RectifiedPair
+    left_inside: NDArray[np.bool_]
+    right_inside: NDArray[np.bool_]
+
+
+def pair_depths(reference: Eye, partners: list[Eye], near_m: float, far_m: float) -> list[PairDepth]:
+    """Match a picture with each partner; who shares too little of the scene between near_m and far_m is left out.
 
     A coarse pass finds the depth interval that is really there; the fine pass searches it alone, and shrinks the
     pictures when that would still take more than MAX_DISPARITIES steps (a wide baseline measures well even shrunk).
     """
-    coarse = _rectify(reference, partner, COARSE_SCALE, near_m, far_m)
-    if coarse is None:
-        return None
-    inverse = _inverse_depth(reference, coarse, _match(reference, partner, coarse))
+    coarse = [(partner, _rectify(reference, partner, COARSE_SCALE, near_m, far_m)) for partner in partners]
+    fine = [(partner, _refined(reference, partner, inverse, near_m, far_m))
+            for partner, _, inverse in _matched(reference, coarse)]
+    return [PairDepth(inverse, 1.0 / (rectified.focal_px * rectified.baseline_m))
+            for _, rectified, inverse in _matched(reference, fine)]
+
+
+def _refined(reference: Eye, partner: Eye, inverse: Map, near_m: float, far_m: float) -> _Rectified | None:
+    """The fine pass's cameras for the depths that the coarse pass found; None where it found hardly any."""
     seen = inverse[np.isfinite(inverse)]
     if seen.size < 0.01 * inverse.size:
         return None
@@ -79,11 +91,16 @@ def pair_depth(reference: Eye, partner: Eye, near_m: float, far_m: float) -> Pai
     near, far = max(near_m, 0.85 / float(high)), min(far_m, 1.25 / float(low))
     baseline = float(np.linalg.norm(partner.position_enu_m - reference.position_enu_m))
     steps = reference.camera.fx_px * baseline * (1.0 / near - 1.0 / far)
-    fine = _rectify(reference, partner, min(1.0, MAX_DISPARITIES / steps), near, far)
-    if fine is None:
-        return None
-    inverse = _inverse_depth(reference, fine, _match(reference, partner, fine))
-    return PairDepth(inverse, 1.0 / (fine.focal_px * baseline))
+    return _rectify(reference, partner, min(1.0, MAX_DISPARITIES / steps), near, far)
+
+
+def _matched(reference: Eye, tried: list[tuple[Eye, _Rectified | None]]) -> list[tuple[Eye, _Rectified, Map]]:
+    """Partner, cameras and inverse depth in the reference's pixels, of those that could be rectified."""
+    pairs = [(partner, rectified) for partner, rectified in tried if rectified is not None]
+    warped = [_warped(reference, partner, rectified) for partner, rectified in pairs]
+    found = disparities([w.pair for w in warped])
+    return [(partner, rectified, _inverse_depth(reference, rectified, _trusted(w, d)))
+            for (partner, rectified), w, d in zip(pairs, warped, found, strict=True)]
 
 
 def _rectify(reference: Eye, partner: Eye, scale: float, near_m: float, far_m: float) -> _Rectified | None:
@@ -133,20 +150,23 @@ def _pixel_map(eye: Eye, rectified_from_enu: Array, focal_px: float, left: float
     return half @ eye.camera.matrix @ (rectified_from_enu @ eye.enu_from_camera).T @ ray_from_index
 
 
-def _match(reference: Eye, partner: Eye, rectified: _Rectified) -> Map:
-    """(height, width) disparity in rectified pixels above disparity_min_px; NaN where there is no trusted match."""
+def _warped(reference: Eye, partner: Eye, rectified: _Rectified) -> _Warped:
+    """Both pictures as the virtual cameras see them."""
     scale = rectified.focal_px / reference.camera.fx_px
     left, left_inside = _warp(reference, rectified.reference_from_rectified, rectified.size_px, scale)
     right, right_inside = _warp(partner, rectified.partner_from_rectified, rectified.size_px, scale)
-    matcher = cv2.StereoSGBM.create(
-        minDisparity=0, numDisparities=rectified.disparities, blockSize=BLOCK_PX, P1=8 * BLOCK_PX**2,
-        P2=32 * BLOCK_PX**2, disp12MaxDiff=1, preFilterCap=31, uniquenessRatio=UNIQUENESS_PERCENT,
-        speckleWindowSize=round(150 * scale) + 10, speckleRange=2, mode=PATHS)
-    disparity = matcher.compute(left, right).astype(np.float32) / 16.0
-    valid = (disparity >= 0.0) & left_inside & _textured(left)
-    columns = np.arange(rectified.size_px[0], dtype=np.float32)[None, :] - disparity
-    source = np.clip(np.rint(columns), 0, rectified.size_px[0] - 1).astype(np.int32)
-    valid &= np.take_along_axis(right_inside, source, axis=1)
+    return _Warped(RectifiedPair(left, right, rectified.disparities, round(150 * scale) + 10),
+                   left_inside, right_inside)
+
+
+def _trusted(warped: _Warped, found: NDArray[np.int16]) -> Map:
+    """(height, width) disparity in rectified pixels above disparity_min_px; NaN where there is no trusted match."""
+    disparity = found.astype(np.float32) / 16.0
+    valid = (disparity >= 0.0) & warped.left_inside & _textured(warped.pair.left)
+    width = disparity.shape[1]
+    columns = np.arange(width, dtype=np.float32)[None, :] - disparity
+    source = np.clip(np.rint(columns), 0, width - 1).astype(np.int32)
+    valid &= np.take_along_axis(warped.right_inside, source, axis=1)
     return np.where(valid, disparity, np.float32(np.nan))
 
 
