@@ -78,9 +78,10 @@ def _occupancy_update(learner: Learner, track: Track, field: Field, frame: int,
 
 def cells_of(field: Field, queries: NDArray[np.int64], most: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """At most so many queries, PER_CELL of each of some random cells: neighbours have the same answer too often to
-    learn from them alone."""
-    cells = rng.permutation(np.unique(field.proxy_cell[queries]))[:max(1, most // PER_CELL)]
+    learn from them alone. A cell is as likely to be among them as it has queries, since all are asked in flight."""
     mixed = rng.permutation(queries)
+    _, first = np.unique(field.proxy_cell[mixed], return_index=True)
+    cells = field.proxy_cell[mixed[np.sort(first)]][:max(1, most // PER_CELL)]
     return np.concatenate([mixed[field.proxy_cell[mixed] == cell][:PER_CELL] for cell in cells])
 
 

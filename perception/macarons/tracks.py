@@ -74,11 +74,12 @@ class Track:
         return out
 
     def depth_example(self, rng: np.random.Generator) -> tuple[Shot, list[Shot], NDArray[np.float32]]:
-        """A random frame, the two nearest of its move, and its true depth (h, w) in ranges."""
+        """A random frame, the two of its move before it (the two after it where there are none, as in flight), and its
+        true depth (h, w) in ranges."""
         long = [move for move in self.moves if len(move) >= 3]
         move = long[int(rng.integers(len(long)))]
         k = int(rng.integers(len(move)))
-        others = sorted((n for n in range(len(move)) if n != k), key=lambda n: abs(n - k))[:2]
+        others = (k - 1, k - 2) if k >= 2 else (k + 1, k + 2) if k + 2 < len(move) else (1 - k, 2)
         depth = self.walk.depth_m[move[k]].astype(np.float32) / self.range_m
         return self.shots[move[k]], [self.shots[move[n]] for n in others], depth
 
