@@ -35,7 +35,7 @@ from tests.walk_scene import wall_walk
 pytestmark = pytest.mark.xdist_group("macarons")
 SMALL = LearnSettings(picture_px=(56, 32), batch=2, depth_rate=3e-4, warm_up=4, proxies=1500, queries=60,
                       cloud_points=64, samples=24, cameras=4, gains=1, memory=2, replays=1)
-TRUTH = TrainSettings(learn=SMALL, depth_steps=3, scone_steps=1)
+TRUTH = TrainSettings(learn=SMALL, depth_steps=8, scone_steps=1)
 ALONE = TrainSettings(learn=SMALL, online=True)
 
 

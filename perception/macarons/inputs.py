@@ -22,9 +22,10 @@ from perception.macarons.occupancy_net import OccupancyNet, neighbourhoods
 LEAST_SURFACE_POINTS = 64
 """Cells with no more of them around are not asked about."""
 LEAST_OCCUPANCY = 0.1
-PLACE_SCALE, VIEW_SCALE = 10.0, 10.0
-"""MACARONS divides places by three cell diagonals; times these, untrained layers see differences between places and
-between view states, and learn from thousands of updates, not hundreds of thousands."""
+PLACE_SCALE, NEAR_SCALE, VIEW_SCALE = 10.0, 30.0, 10.0
+"""MACARONS divides places, and offsets to the nearest surface points, by three cell diagonals; times these, untrained
+layers see differences between places and between view states, and learn from thousands of updates, not hundreds of
+thousands."""
 
 
 def view_from_enu(pose: Pose) -> Array:
@@ -63,7 +64,7 @@ def occupancy_batch(field: Field, queries: NDArray[np.int64], pose: Pose, cloud_
         owners.append(np.full(len(mine), len(clouds)))
         clouds.append(cloud[rng.integers(0, len(cloud), cloud_points)] if len(cloud) < cloud_points
                       else cloud[rng.permutation(len(cloud))[:cloud_points]])
-        near.append(neighbourhoods(cloud, at, rng))
+        near.append(np.float32(NEAR_SCALE / PLACE_SCALE) * neighbourhoods(cloud, at, rng))
         numbers.append(mine)
         places.append(at)
     if not numbers:
@@ -72,6 +73,15 @@ def occupancy_batch(field: Field, queries: NDArray[np.int64], pose: Pose, cloud_
     arrays = (np.stack(clouds), np.concatenate(places), np.concatenate(owners), np.concatenate(near))
     a, b, c, d = (torch.from_numpy(array) for array in arrays)
     return OccupancyBatch(asked, (a, b, c, d, VIEW_SCALE * view_harmonics(field.seen_from[asked], turn)))
+
+
+def joined(batches: list[OccupancyBatch]) -> OccupancyBatch:
+    """Queries of several fields in one batch, in this order; numbers are those of each one's own field."""
+    clouds, places, owners, near, views = zip(*(batch.tensors for batch in batches), strict=True)
+    before = np.cumsum([0] + [len(cloud) for cloud in clouds[:-1]])
+    owner = torch.cat([own + int(n) for own, n in zip(owners, before, strict=True)])
+    return OccupancyBatch(np.concatenate([batch.numbers for batch in batches]),
+                          (torch.cat(clouds), torch.cat(places), owner, torch.cat(near), torch.cat(views)))
 
 
 @dataclass(frozen=True)
@@ -99,7 +109,7 @@ def gain_batch(field: Field, camera: Camera, poses: list[Pose], here: Pose, samp
     """Candidates' views of the likely solid points, in the view frame of `here`. What sees nothing has volume 0."""
     turn = view_from_enu(here)
     drawn = [_draw(field, camera, pose, samples, rng) for pose in poses]
-    width = max(len(number) for number, _, _ in drawn)
+    width = max([1, *(len(number) for number, _, _ in drawn)])
     c = len(poses)
     tokens, to_camera = (np.zeros((c, width, k), dtype=np.float32) for k in (4, 3))
     to_camera[..., 2] = 1.0

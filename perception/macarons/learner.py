@@ -44,6 +44,8 @@ class LearnSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """2048."""
     cameras: int = 8
     """Views whose gains are compared in one update while pretraining: 52. Online it is 4."""
+    asks: int = 1
+    """Updates of occupancy per state of the maps while pretraining, each on other queries."""
     gains: int = 4
     """Updates of gain per state of the map while pretraining, each on other views: 1."""
     share: float = 0.2

@@ -7,17 +7,18 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
+from missions.camera import Pose
 from missions.errors import UserError
 from perception.macarons.augment import jittered, mirrored
 from perception.macarons.depth_net import depth_from_disparity
 from perception.macarons.field import UNKNOWN_OCCUPANCY, Field
-from perception.macarons.inputs import gain_batch, occupancy_batch
+from perception.macarons.inputs import OccupancyBatch, gain_batch, joined, occupancy_batch
 from perception.macarons.learner import Learner
 from perception.macarons.losses import normalised_l1, supervised_depth
 from perception.macarons.tracks import Track, depth_examples
 
 Losses = dict[str, list[float]]
-PER_CELL = 16
+PER_CELL = 8
 DOUBT = 0.25
 """Standard deviation of the error that is put on the occupancy of proxies the network was not asked about."""
 
@@ -34,19 +35,44 @@ def depth_pass(learner: Learner, tracks: list[Track], steps: int, rng: np.random
     return {"depth": losses}
 
 
-def scone_pass(learner: Learner, track: Track, steps: int, rng: np.random.Generator) -> Losses:
-    """Along one walk, maps of true depth grow; at `steps` of its key views occupancy and gain have an update each."""
+class Growing:
+    """A walk that is looked at move by move: its map of true depth so far, and the voxels that were shown."""
+
+    def __init__(self, learner: Learner, track: Track, seed: int) -> None:
+        self.track, self.number = track, -1
+        self.field, self.known = track.field(learner.settings.proxies, seed), np.zeros(0, dtype=np.int64)
+        self._share = learner.settings.share
+
+    def go_to(self, number: int) -> None:
+        """Look at the moves as far as this one."""
+        for move in self.track.moves[self.number + 1:number + 1]:
+            for frame in move:
+                self.field.add(self.track.true_look(frame), self._share)
+                self.known = np.union1d(self.known, self.track.shown[frame])
+        self.number = number
+
+    @property
+    def pose(self) -> Pose:
+        """Of the last key view."""
+        return self.track.walk.pose(self.track.moves[self.number][-1])
+
+
+def scone_pass(learner: Learner, tracks: list[Track], steps: int, rng: np.random.Generator) -> Losses:
+    """Along some walks at once maps grow; at `steps` of the key views of each occupancy and gain have updates.
+
+    An update of occupancy asks about all the walks: from one after the other it learns little more than the share of
+    the last one that is solid.
+    """
     losses: Losses = {"occupancy": [], "gain": []}
-    field, known = track.field(learner.settings.proxies, int(rng.integers(2**31))), np.zeros(0, dtype=np.int64)
-    stops = _stops(track, steps, rng)
-    for number, move in enumerate(track.moves[:max(stops, default=-1) + 1]):
-        for frame in move:
-            field.add(track.true_look(frame), learner.settings.share)
-            known = np.union1d(known, track.shown[frame])
-        if number in stops:
-            losses["occupancy"] += _occupancy_update(learner, track, field, move[-1], rng)
-            for _ in range(learner.settings.gains):
-                losses["gain"] += _gain_update(learner, track, field, known, number, rng)
+    walks = [Growing(learner, track, int(rng.integers(2**31))) for track in tracks]
+    for numbers in zip(*(sorted(_stops(track, steps, rng)) for track in tracks), strict=False):
+        for walk, number in zip(walks, numbers, strict=True):
+            walk.go_to(number)
+        for _ in range(learner.settings.asks):
+            losses["occupancy"] += _occupancy_update(learner, walks, rng)
+        for _ in range(learner.settings.gains):
+            for walk in walks:
+                losses["gain"] += _gain_update(learner, walk, rng)
     return losses
 
 
@@ -59,21 +85,34 @@ def _stops(track: Track, steps: int, rng: np.random.Generator) -> set[int]:
     return {int(n) for n in chosen}
 
 
-def _occupancy_update(learner: Learner, track: Track, field: Field, frame: int,
-                      rng: np.random.Generator) -> list[float]:
-    """What the network is not asked about is as well known, between not at all and well, as a network may know it."""
-    open_queries = field.open_queries()
-    truth = track.solid(field.proxies)
+def _occupancy_update(learner: Learner, walks: list[Growing], rng: np.random.Generator) -> list[float]:
+    found = [(walk.field, truth, batch) for walk in walks for truth, batch in [_asked(learner, walk, len(walks), rng)]
+             if batch is not None]
+    if not found:
+        return []
+    truths = np.concatenate([truth[batch.numbers] for _, truth, batch in found]).astype(np.float32)
+    error, predicted = learner.occupancy(joined([batch for _, _, batch in found]), torch.from_numpy(truths))
+    parts = torch.split(predicted, [len(batch.numbers) for _, _, batch in found])
+    for (field, _, batch), part in zip(found, parts, strict=True):
+        field.occupancy[batch.numbers] = part.numpy()
+    return [error]
+
+
+def _asked(learner: Learner, walk: Growing, among: int,
+           rng: np.random.Generator) -> tuple[NDArray[np.bool_], OccupancyBatch | None]:
+    """Which proxies are solid, and one walk's part of the queries.
+
+    What the network is not asked about is as well known, between not at all and well, as a network may know it.
+    """
+    field, s = walk.field, learner.settings
+    open_queries, truth = field.open_queries(), walk.track.solid(field.proxies)
     field.settle()
     guess = UNKNOWN_OCCUPANCY + rng.random() * (truth[open_queries] - UNKNOWN_OCCUPANCY)
     field.occupancy[open_queries] = np.clip(guess + rng.normal(0.0, DOUBT, len(open_queries)), 0.0, 1.0)
-    asked = cells_of(field, open_queries, learner.settings.queries, rng)
-    batch = occupancy_batch(field, asked, track.walk.pose(frame), learner.settings.cloud_points, rng)
-    if batch is None:
-        return []
-    error, predicted = learner.occupancy(batch, torch.from_numpy(truth[batch.numbers].astype(np.float32)))
-    field.occupancy[batch.numbers] = predicted.numpy()
-    return [error]
+    if not len(open_queries):
+        return truth, None
+    asked = cells_of(field, open_queries, s.queries // among, rng)
+    return truth, occupancy_batch(field, asked, walk.pose, s.cloud_points, rng)
 
 
 def cells_of(field: Field, queries: NDArray[np.int64], most: int, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -85,15 +124,14 @@ def cells_of(field: Field, queries: NDArray[np.int64], most: int, rng: np.random
     return np.concatenate([mixed[field.proxy_cell[mixed] == cell][:PER_CELL] for cell in cells])
 
 
-def _gain_update(learner: Learner, track: Track, field: Field, known: NDArray[np.int64], number: int,
-                 rng: np.random.Generator) -> list[float]:
-    frames = gain_candidates(track, number, learner.settings.cameras, rng)
-    truth = torch.tensor([float(len(np.setdiff1d(track.shown[f], known))) for f in frames])
+def _gain_update(learner: Learner, walk: Growing, rng: np.random.Generator) -> list[float]:
+    track, s = walk.track, learner.settings
+    frames = gain_candidates(track, walk.number, s.cameras, rng)
+    truth = torch.tensor([float(len(np.setdiff1d(track.shown[f], walk.known))) for f in frames])
     if float(truth.sum()) == 0.0:
         return []
-    s = learner.settings
     poses = [track.walk.pose(f) for f in frames]
-    batch = gain_batch(field, track.shots[0].camera, poses, track.walk.pose(track.moves[number][-1]), s.samples, rng)
+    batch = gain_batch(walk.field, track.shots[0].camera, poses, walk.pose, s.samples, rng)
     return [learner.gain(batch, truth)]
 
 
@@ -111,13 +149,10 @@ def validation(learner: Learner, track: Track, rng: np.random.Generator) -> dict
     s = learner.settings
     with torch.no_grad():
         out = _depth_errors(learner, track, rng)
-        field, known = track.field(s.proxies, int(rng.integers(2**31))), np.zeros(0, dtype=np.int64)
-        middle = len(track.moves) // 3
-        for frame in [f for move in track.moves[:middle + 1] for f in move]:
-            field.add(track.true_look(frame), s.share)
-            known = np.union1d(known, track.shown[frame])
+        walk, middle = Growing(learner, track, int(rng.integers(2**31))), len(track.moves) // 3
+        walk.go_to(middle)
+        field, pose = walk.field, walk.pose
         field.settle()
-        pose = track.walk.pose(track.moves[middle][-1])
         batch = occupancy_batch(field, cells_of(field, field.open_queries(), 2 * s.queries, rng), pose, s.cloud_points,
                                 rng)
         if batch is not None:
@@ -128,7 +163,7 @@ def validation(learner: Learner, track: Track, rng: np.random.Generator) -> dict
         frames = gain_candidates(track, middle, 24, rng)
         gains = gain_batch(field, track.shots[0].camera, [track.walk.pose(f) for f in frames], pose, s.samples, rng)
         found = gains.predict(learner.networks.gain)
-        new = torch.tensor([float(len(np.setdiff1d(track.shown[f], known))) for f in frames])
+        new = torch.tensor([float(len(np.setdiff1d(track.shown[f], walk.known))) for f in frames])
         out["gain_l1"] = float(normalised_l1(found, new))
         out["gain_rank"] = _rank_correlation(found.numpy(), new.numpy())
     return out

@@ -32,7 +32,7 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     parts: tuple[str, ...] = NAMES
     """Networks that learn; the others stay as they are."""
     together: int = 6
-    """Walks in memory at a time, from which the pictures of a batch of depth come."""
+    """Walks in memory at a time, from which the pictures of a batch of depth come, and the queries of occupancy."""
     depth_steps: int = 16
     """Updates of depth per walk and epoch while pretraining."""
     scone_steps: int = 8
@@ -96,11 +96,11 @@ class TrainingRun:
         s = self.settings
         if not s.online and "depth" in s.parts:
             yield from depth_pass(self.learner, tracks, s.depth_steps * len(tracks), rng).items()
-        for track in tracks:
-            if s.online:
+        if s.online:
+            for track in tracks:
                 yield from online_pass(self.learner, self.memory, track, rng).items()
-            elif "occupancy" in s.parts or "gain" in s.parts:
-                yield from scone_pass(self.learner, track, s.scone_steps, rng).items()
+        elif "occupancy" in s.parts or "gain" in s.parts:
+            yield from scone_pass(self.learner, tracks, s.scone_steps, rng).items()
 
     def validate(self, walks: list[Path]) -> dict[str, float]:
         """Mean errors over walks that were not trained on; the same examples every time."""
