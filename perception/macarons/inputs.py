@@ -22,10 +22,9 @@ from perception.macarons.occupancy_net import OccupancyNet, neighbourhoods
 LEAST_SURFACE_POINTS = 64
 """Cells with no more of them around are not asked about."""
 LEAST_OCCUPANCY = 0.1
-PLACE_SCALE, NEAR_SCALE, VIEW_SCALE = 10.0, 30.0, 10.0
-"""MACARONS divides places, and offsets to the nearest surface points, by three cell diagonals; times these, untrained
-layers see differences between places and between view states, and learn from thousands of updates, not hundreds of
-thousands."""
+PLACE_SCALE, VIEW_SCALE = 10.0, 10.0
+"""MACARONS divides places by three cell diagonals; times these, untrained layers see differences between places and
+between view states, and learn from thousands of updates, not hundreds of thousands."""
 
 
 def view_from_enu(pose: Pose) -> Array:
@@ -64,7 +63,7 @@ def occupancy_batch(field: Field, queries: NDArray[np.int64], pose: Pose, cloud_
         owners.append(np.full(len(mine), len(clouds)))
         clouds.append(cloud[rng.integers(0, len(cloud), cloud_points)] if len(cloud) < cloud_points
                       else cloud[rng.permutation(len(cloud))[:cloud_points]])
-        near.append(np.float32(NEAR_SCALE / PLACE_SCALE) * neighbourhoods(cloud, at, rng))
+        near.append(neighbourhoods(cloud, at, rng))
         numbers.append(mine)
         places.append(at)
     if not numbers:
