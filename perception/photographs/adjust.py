@@ -48,7 +48,10 @@ def refined(model: Model, told_focal_px: Mapping[int, float], held: Sequence[int
     found, loss, focal = _with_focal(model, told_focal_px, held)
     tried = copy.deepcopy(found)
     gained = _adjust(tried, held, Freedom(focal, axis=True)) < (1.0 - LEAST_GAIN) * loss
-    return tried if gained and all(_credible(camera) for camera in tried.cameras.values()) else found
+    if gained and all(_credible(camera) for camera in tried.cameras.values()):
+        found = tried
+    found.update_point_3d_errors()
+    return found
 
 
 def _with_focal(model: Model, told_focal_px: Mapping[int, float], held: Sequence[int]) -> tuple[Model, float, bool]:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from perception.photographs.adjust import refined
+from perception.photographs.adjust import FULL_MODEL_FROM, refined
 from perception.photographs.contradictions import strike_out
+from perception.photographs.known_lens import KnownLens, judge_again
 from perception.photographs.photograph import Photograph, camera_groups
 from perception.reconstruct.features import Features
 from perception.reconstruct.matching import MIN_MATCHES, SEED, Matches
@@ -22,6 +23,10 @@ GOOD_PX = 0.9
 """So it is where points lie farther from where they are seen: EXIF may be wrong by a factor."""
 GUESSED_FOCAL_SHARE = 0.85
 """Of the longer side, where nothing is known: most drones and phones lie near it."""
+
+SURE_NEAR, LEAST_SURE = 4.0, 15
+"""Where the lens is known, a picture is placed by points that are near by so many times what pairs allow (COLMAP: by
+30 points within 12 px)."""
 
 Tell = Callable[[str, int, int], None]
 Model = pycolmap.Reconstruction
@@ -47,11 +52,29 @@ def map_matched(photographs: Sequence[Photograph], seen: Sequence[Features], mat
     tell("verify", 1, 1)
     told = told_focal_px(photographs)
     found = _mapped_either_way(database, folder / "mapping", len(photographs), mapper, bool(told), threads, tell)
-    for k, model in enumerate(_with_own_pictures(found)):
+    models = [refined(model, told) for model in _with_own_pictures(found)]
+    models = _mapped_through_known_lens(database, folder / "mapping", photographs, models, mapper, threads, tell)
+    for k, model in enumerate(models):
         path = folder / f"model-{k:03d}"
         path.mkdir()
-        refined(model, told).write(path)
+        model.write(path)
     shutil.rmtree(folder / "mapping", ignore_errors=True)
+
+
+def _mapped_through_known_lens(database: Path, out: Path, photographs: Sequence[Photograph], models: list[Model],
+                               mapper: str, threads: int, tell: Tell) -> list[Model]:
+    """Models of the pairs that are left when they are judged through the lens that the largest model tells; the same
+    models where it tells none."""
+    lens = KnownLens.of(models[0], FULL_MODEL_FROM) if models else None
+    if lens is None or not judge_again(database, lens, threads):
+        return models
+    strike_out(database, [p.enu_from_stored for p in photographs])
+    told = told_focal_px(photographs)
+    held = len({*lens.cameras, *told}) == len(camera_groups(photographs))
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    found = _mapped(database, out, len(photographs), mapper, held, threads, tell, lens)
+    return [refined(model, told) for model in _with_own_pictures(found)]
 
 
 def _mapped_either_way(database: Path, out: Path, pictures: int, mapper: str, told: bool, threads: int,
@@ -76,7 +99,9 @@ def _largest(models: Sequence[Model]) -> tuple[int, int]:
     return max(((m.num_reg_images(), m.compute_num_observations()) for m in models), default=(0, 0))
 
 
-def _mapped(database: Path, out: Path, pictures: int, mapper: str, held: bool, threads: int, tell: Tell) -> list[Model]:
+def _mapped(database: Path, out: Path, pictures: int, mapper: str, held: bool, threads: int, tell: Tell,
+            lens: KnownLens | None = None) -> list[Model]:
+    """held: whether focal lengths stay. lens: cameras that stay as they are, incrementally."""
     tell("map", 0, pictures)
     if mapper == "global":
         options = pycolmap.GlobalPipelineOptions(num_threads=threads, random_seed=SEED, min_model_size=LEAST_MODEL)
@@ -87,6 +112,10 @@ def _mapped(database: Path, out: Path, pictures: int, mapper: str, held: bool, t
             num_threads=threads, random_seed=SEED, min_model_size=LEAST_MODEL, extract_colors=False,
             ba_refine_focal_length=not held)
         incremental.mapper.abs_pose_refine_focal_length = not held
+        if lens is not None:
+            incremental.constant_cameras = set(lens.cameras)
+            incremental.mapper.abs_pose_max_error = SURE_NEAR * lens.near_px
+            incremental.mapper.abs_pose_min_num_inliers = LEAST_SURE
         registered = 2
 
         def one_more() -> None:
