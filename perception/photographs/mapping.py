@@ -24,7 +24,7 @@ GOOD_PX = 0.9
 GUESSED_FOCAL_SHARE = 0.85
 """Of the longer side, where nothing is known: most drones and phones lie near it."""
 
-SURE_NEAR, LEAST_SURE = 4.0, 15
+SURE_NEAR, LEAST_SURE = 4.0, 12
 """Where the lens is known, a picture is placed by points that are near by so many times what pairs allow (COLMAP: by
 30 points within 12 px)."""
 
