@@ -10,6 +10,7 @@ import pycolmap
 import pytest
 
 from missions.frames import enu_from_camera
+from perception.photographs.confirmed import leave_out_unconfirmed
 from perception.photographs.known_lens import KnownLens, judge_again
 from perception.photographs.mapping import map_matched
 from perception.photographs.metadata import Metadata
@@ -82,6 +83,16 @@ def test_a_lens_is_believed_that_the_strong_pairs_bear_out(near_px: float, belie
     assert judge_again(database, KnownLens({1: lens()}, near_px), 1) == believed
     assert verified(database).keys() == before.keys()
     assert believed or verified(database) == before
+
+
+def test_a_picture_that_its_pairs_deny_is_left_out(mapped: Path) -> None:
+    model, moved = pycolmap.Reconstruction(mapped / "model-000"), 4
+    assert leave_out_unconfirmed(model, mapped / "database.db", 1.5) == []
+    pose = model.image(moved).cam_from_world()
+    model.frame(model.image(moved).frame_id).rig_from_world = pycolmap.Rigid3d(
+        pose.rotation, pose.translation + np.array([0.2, 0.2, 0.0]))
+    assert leave_out_unconfirmed(model, mapped / "database.db", 1.5) == [moved]
+    assert model.num_reg_images() == PICTURES - 1
 
 
 def verified(database: Path) -> dict[int, int]:

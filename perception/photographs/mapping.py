@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from perception.photographs.adjust import FULL_MODEL_FROM, refined
+from perception.photographs.confirmed import leave_out_unconfirmed
 from perception.photographs.contradictions import strike_out
 from perception.photographs.known_lens import KnownLens, judge_again
 from perception.photographs.photograph import Photograph, camera_groups
@@ -74,7 +75,22 @@ def _mapped_through_known_lens(database: Path, out: Path, photographs: Sequence[
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
     found = _mapped(database, out, len(photographs), mapper, held, threads, tell, lens)
+    if _largest(found)[0] < len(photographs) and len(lens.cameras) == len(camera_groups(photographs)):
+        found = max(found, _joined(database, out, len(photographs), held, threads, tell, lens),
+                    key=lambda models: _largest(models)[0])
     return [refined(model, told) for model in _with_own_pictures(found)]
+
+
+def _joined(database: Path, out: Path, pictures: int, held: bool, threads: int, tell: Tell,
+            lens: KnownLens) -> list[Model]:
+    """Mapped globally: that closes rings which break where pictures share little, but gives pictures a place that have
+    none. What their pairs do not confirm is left out."""
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    found = _mapped(database, out, pictures, "global", held, threads, tell)
+    for model in found:
+        leave_out_unconfirmed(model, database, lens.near_px)
+    return [m for m in found if m.num_reg_images() >= LEAST_MODEL]
 
 
 def _mapped_either_way(database: Path, out: Path, pictures: int, mapper: str, told: bool, threads: int,

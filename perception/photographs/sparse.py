@@ -27,7 +27,7 @@ from perception.reconstruct.resources import single_threaded_libraries
 
 pycolmap.logging.minloglevel = 2
 
-METHOD = 2
+METHOD = 3
 """Raised whenever the result changes for the same input, so that a stored one is not taken for a new one."""
 WIDTH_PX = 1600
 COUNT = 3000

@@ -1,0 +1,95 @@
+"""Pictures whose place in a model their own pairs confirm.
+
+A mapper finds a place for pictures whose pairs contradict each other, too: far away from all, or between. The lines
+that the model's poses draw into such a picture then miss its matches.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from missions.frames import Array
+from perception.reconstruct.optics import Optics
+from perception.reconstruct.pair_consensus import LEAST_SHARE
+
+NEAR_TIMES = 2.0
+"""Matches as near to their lines are confirmed, in limits of the pairs: the model has to please them all."""
+
+Model = pycolmap.Reconstruction
+Points = NDArray[np.float32]
+Pairs = NDArray[np.int64]
+
+
+def leave_out_unconfirmed(model: Model, database: Path, near_px: float) -> list[int]:
+    """Takes out of the model, and returns, the images that do not hang together with most others by confirmed pairs,
+    or by one pair alone, which would not tell how large what hangs by it is. near_px: for matches of the verified pairs
+    in the database. The cameras are of model OPENCV."""
+    images = np.array(sorted(model.reg_image_ids()), dtype=np.int64)
+    pairs = np.searchsorted(images, confirmed_pairs(model, database, NEAR_TIMES * near_px))
+    together = _largest_group(len(images), pairs[~_alone(len(images), pairs)])
+    left_out = [int(i) for i in images[~together]]
+    for i in left_out:
+        model.deregister_frame(model.image(i).frame_id)
+    return left_out
+
+
+def confirmed_pairs(model: Model, database: Path, near_px: float) -> Pairs:
+    """(m, 2) images of the model, most of whose verified matches lie near the epipolar lines of its poses."""
+    with pycolmap.Database.open(database) as kept:
+        ideal = {i: _optics(model, i).ideal(np.asarray(kept.read_keypoints(i))[:, :2]) for i in model.reg_image_ids()}
+        pair_ids, geometries = kept.read_two_view_geometries()
+    pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in pair_ids]
+    found = []
+    for (a, b), geometry in sorted(zip(pairs, geometries, strict=True), key=lambda pair: pair[0]):
+        matches = np.asarray(geometry.inlier_matches)
+        if a in ideal and b in ideal and len(matches):
+            off_px = _off_line_px(_fundamental(model, a, b), ideal[a][matches[:, 0]], ideal[b][matches[:, 1]])
+            if np.mean(off_px < near_px) >= LEAST_SHARE:
+                found.append((a, b))
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def _fundamental(model: Model, first: int, second: int) -> Array:
+    """(3, 3) F with x_second^T F x_first = 0 for pixels without distortion."""
+    poses = [model.image(i).cam_from_world().matrix() for i in (first, second)]
+    k_first, k_second = (_optics(model, i).camera.matrix for i in (first, second))
+    turn = poses[1][:, :3] @ poses[0][:, :3].T
+    x, y, z = poses[1][:, 3] - turn @ poses[0][:, 3]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.linalg.inv(k_second).T @ cross @ turn @ np.linalg.inv(k_first))
+
+
+def _optics(model: Model, image_id: int) -> Optics:
+    return Optics.of(model.camera(model.image(image_id).camera_id))
+
+
+def _off_line_px(fundamental: Array, a: Points, b: Points) -> Array:
+    """(m,) how far points (m, 2) of the second picture lie from the lines of points (m, 2) of the first."""
+    lines = np.column_stack([a, np.ones(len(a))]) @ fundamental.T
+    off = np.einsum("ij,ij->i", lines, np.column_stack([b, np.ones(len(b))]))
+    return np.asarray(np.abs(off) / np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12))
+
+
+def _alone(count: int, pairs: Pairs) -> NDArray[np.bool_]:
+    """(m,) pairs without which what they join would fall apart."""
+    every = np.arange(len(pairs))
+    whole = _groups(count, pairs)[0]
+    return np.array([_groups(count, pairs[every != k])[0] > whole for k in every], dtype=bool)
+
+
+def _largest_group(count: int, pairs: Pairs) -> NDArray[np.bool_]:
+    """(count,) members."""
+    labels = _groups(count, pairs)[1]
+    return np.asarray(labels == np.argmax(np.bincount(labels)))
+
+
+def _groups(count: int, pairs: Pairs) -> tuple[int, NDArray[np.int32]]:
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    number, labels = connected_components(graph, directed=False)
+    return int(number), np.asarray(labels)
