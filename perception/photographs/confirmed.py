@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from missions.frames import Array
 from perception.reconstruct.optics import Optics
-from perception.reconstruct.pair_consensus import LEAST_SHARE
+from perception.reconstruct.pair_consensus import LEAST_SHARE, off_line_px
+from perception.reconstruct.pictures import SurveyPicture
 
 NEAR_TIMES = 2.0
 """Matches as near to their lines are confirmed, in limits of the pairs: the model has to please them all."""
 
 Model = pycolmap.Reconstruction
-Points = NDArray[np.float32]
 Pairs = NDArray[np.int64]
 
 
@@ -42,38 +41,27 @@ def leave_out_unconfirmed(model: Model, database: Path, near_px: float) -> list[
 def confirmed_pairs(model: Model, database: Path, near_px: float) -> Pairs:
     """(m, 2) images of the model, most of whose verified matches lie near the epipolar lines of its poses."""
     with pycolmap.Database.open(database) as kept:
-        ideal = {i: _optics(model, i).ideal(np.asarray(kept.read_keypoints(i))[:, :2]) for i in model.reg_image_ids()}
+        ideal = {i: Optics.of(model.camera(model.image(i).camera_id)).ideal(np.asarray(kept.read_keypoints(i))[:, :2])
+                 for i in model.reg_image_ids()}
         pair_ids, geometries = kept.read_two_view_geometries()
+    standing = {i: _standing(model, i) for i in ideal}
     pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in pair_ids]
     found = []
     for (a, b), geometry in sorted(zip(pairs, geometries, strict=True), key=lambda pair: pair[0]):
         matches = np.asarray(geometry.inlier_matches)
         if a in ideal and b in ideal and len(matches):
-            off_px = _off_line_px(_fundamental(model, a, b), ideal[a][matches[:, 0]], ideal[b][matches[:, 1]])
+            off_px = off_line_px(standing[a], standing[b], ideal[a][matches[:, 0]], ideal[b][matches[:, 1]])
             if np.mean(off_px < near_px) >= LEAST_SHARE:
                 found.append((a, b))
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-def _fundamental(model: Model, first: int, second: int) -> Array:
-    """(3, 3) F with x_second^T F x_first = 0 for pixels without distortion."""
-    poses = [model.image(i).cam_from_world().matrix() for i in (first, second)]
-    k_first, k_second = (_optics(model, i).camera.matrix for i in (first, second))
-    turn = poses[1][:, :3] @ poses[0][:, :3].T
-    x, y, z = poses[1][:, 3] - turn @ poses[0][:, 3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.linalg.inv(k_second).T @ cross @ turn @ np.linalg.inv(k_first))
-
-
-def _optics(model: Model, image_id: int) -> Optics:
-    return Optics.of(model.camera(model.image(image_id).camera_id))
-
-
-def _off_line_px(fundamental: Array, a: Points, b: Points) -> Array:
-    """(m,) how far points (m, 2) of the second picture lie from the lines of points (m, 2) of the first."""
-    lines = np.column_stack([a, np.ones(len(a))]) @ fundamental.T
-    off = np.einsum("ij,ij->i", lines, np.column_stack([b, np.ones(len(b))]))
-    return np.asarray(np.abs(off) / np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12))
+def _standing(model: Model, image_id: int) -> SurveyPicture:
+    """As a pinhole in the model's own coordinates; there is no file."""
+    image = model.image(image_id)
+    pose = image.cam_from_world().inverse()
+    camera = Optics.of(model.camera(image.camera_id)).camera
+    return SurveyPicture(image_id, Path(), camera, pose.rotation.matrix(), np.asarray(pose.translation))
 
 
 def _alone(count: int, pairs: Pairs) -> NDArray[np.bool_]:

@@ -58,11 +58,11 @@ def _confirmed_share(matches: ByPair, pictures: list[SurveyPicture], seen: list[
     placed = [replace(p, camera=found.optics.camera, enu_from_camera=turn, position_enu_m=position)
               for p, turn, position in zip(pictures, found.enu_from_camera, found.position_enu_m, strict=True)]
     points_px = [found.optics.ideal(f.points_px) for f in seen]
-    return {(i, j): float(np.mean(_off_line_px(placed[i], placed[j], points_px[i][m[:, 0]], points_px[j][m[:, 1]])
+    return {(i, j): float(np.mean(off_line_px(placed[i], placed[j], points_px[i][m[:, 0]], points_px[j][m[:, 1]])
                                   < near_px)) for (i, j), m in matches.items()}
 
 
-def _off_line_px(first: SurveyPicture, second: SurveyPicture, a: NDArray[np.float32], b: NDArray[np.float32]) -> Array:
+def off_line_px(first: SurveyPicture, second: SurveyPicture, a: NDArray[np.float32], b: NDArray[np.float32]) -> Array:
     """(m,) how far points (m, 2) of the second picture lie from the epipolar lines of points (m, 2) of the first."""
     lines = np.column_stack([a, np.ones(len(a))]) @ fundamental(first, second).T
     off = np.einsum("ij,ij->i", lines, np.column_stack([b, np.ones(len(b))]))
