@@ -113,16 +113,19 @@ class Explored:
 
     def open_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps between positions that keep the clearance from all that was measured, and that pass it
-        by twice the vehicle's radius at least, where no wire shows; and those that were flown."""
-        solid = self._map.surface_points()
-        if not len(solid):
-            return self._wires.clear_edges() | self._flown
-        tree, reach = cKDTree(solid), self.clearance + MEASURED
+        by twice the vehicle's radius at least, where no wire shows; and those that were flown. What is likelier stray
+        depth is only not to be touched."""
+        points, adrift = self._map.surface_points(), self._map.adrift()
+        solid, stray = cKDTree(points[~adrift]), cKDTree(points[adrift])
+        reach = self.clearance + MEASURED
         passing = min(2.0 * self.radius + MEASURED, reach)
+        touching = min(self.radius + VOXEL / 2.0 + MEASURED, passing)
 
         def is_open(along: Array) -> NDArray[np.bool_]:
-            near, _ = tree.query(along, distance_upper_bound=reach)
+            near, _ = solid.query(along, distance_upper_bound=reach)
+            touched, _ = stray.query(along, distance_upper_bound=touching)
             result: NDArray[np.bool_] = np.isinf(near[[0, -1]]).all(axis=0) & (near >= passing).all(axis=0)
+            result &= np.isinf(touched).all(axis=0)
             return result
 
         return (self._edges(is_open) & self._wires.clear_edges()) | self._flown

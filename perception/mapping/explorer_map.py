@@ -71,3 +71,7 @@ class ExplorerMap:
     def surface_points(self) -> Array:
         """(n, 3) where known surface was measured."""
         return self.voxels.surface_points()
+
+    def adrift(self) -> NDArray[np.bool_]:
+        """(n,) which of `surface_points` are likelier stray depth than something solid."""
+        return self.voxels.adrift()

@@ -15,6 +15,7 @@ from missions.frames import Array
 from missions.grid import FREE, OCCUPIED, UNKNOWN, SurfaceVoxels, VoxelGrid
 from perception.depth.depth_map import DepthMap
 from perception.mapping import carving, normals
+from perception.mapping.adrift import adrift
 
 QUANTUM = 1024
 """Sub-voxel positions and directions are summed as integers of 1 / QUANTUM."""
@@ -194,6 +195,12 @@ class VoxelMap:
     def surface_points(self) -> Array:
         """(n, 3) mean point of each occupied voxel: `surface` without normals, which take longest."""
         return self._measured()[1]
+
+    def adrift(self) -> NDArray[np.bool_]:
+        """(n,) which of `surface_points` hang in the air by themselves (`perception.mapping.adrift`)."""
+        state = self.grid().state
+        flat = np.flatnonzero(state == OCCUPIED)
+        return adrift(flat, state.shape, self.free_pictures.reshape(-1)[flat])
 
     def _measured(self) -> tuple[NDArray[np.int64], Array]:
         """(n,) flat index of every occupied voxel and (n, 3) its mean point."""
