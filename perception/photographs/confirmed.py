@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import networkx as nx
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from perception.reconstruct.optics import Optics
 from perception.reconstruct.pair_consensus import LEAST_SHARE, off_line_px
@@ -22,24 +20,25 @@ NEAR_TIMES = 2.0
 """Matches as near to their lines are confirmed, in limits of the pairs: the model has to please them all."""
 
 Model = pycolmap.Reconstruction
-Pairs = NDArray[np.int64]
 
 
 def leave_out_unconfirmed(model: Model, database: Path, near_px: float) -> list[int]:
     """Takes out of the model, and returns, the images that do not hang together with most others by confirmed pairs,
     or by one pair alone, which would not tell how large what hangs by it is. near_px: for matches of the verified pairs
     in the database. The cameras are of model OPENCV."""
-    images = np.array(sorted(model.reg_image_ids()), dtype=np.int64)
-    pairs = np.searchsorted(images, confirmed_pairs(model, database, NEAR_TIMES * near_px))
-    together = _largest_group(len(images), pairs[~_alone(len(images), pairs)])
-    left_out = [int(i) for i in images[~together]]
+    graph = nx.Graph()
+    graph.add_nodes_from(sorted(model.reg_image_ids()))
+    graph.add_edges_from(confirmed_pairs(model, database, NEAR_TIMES * near_px))
+    graph.remove_edges_from(list(nx.bridges(graph)))
+    together = max(nx.connected_components(graph), key=len)
+    left_out = [i for i in graph if i not in together]
     for i in left_out:
         model.deregister_frame(model.image(i).frame_id)
     return left_out
 
 
-def confirmed_pairs(model: Model, database: Path, near_px: float) -> Pairs:
-    """(m, 2) images of the model, most of whose verified matches lie near the epipolar lines of its poses."""
+def confirmed_pairs(model: Model, database: Path, near_px: float) -> list[tuple[int, int]]:
+    """Images of the model, most of whose verified matches lie near the epipolar lines of its poses."""
     with pycolmap.Database.open(database) as kept:
         ideal = {i: Optics.of(model.camera(model.image(i).camera_id)).ideal(np.asarray(kept.read_keypoints(i))[:, :2])
                  for i in model.reg_image_ids()}
@@ -53,7 +52,7 @@ def confirmed_pairs(model: Model, database: Path, near_px: float) -> Pairs:
             off_px = off_line_px(standing[a], standing[b], ideal[a][matches[:, 0]], ideal[b][matches[:, 1]])
             if np.mean(off_px < near_px) >= LEAST_SHARE:
                 found.append((a, b))
-    return np.array(found, dtype=np.int64).reshape(-1, 2)
+    return found
 
 
 def _standing(model: Model, image_id: int) -> SurveyPicture:
@@ -62,22 +61,3 @@ def _standing(model: Model, image_id: int) -> SurveyPicture:
     pose = image.cam_from_world().inverse()
     camera = Optics.of(model.camera(image.camera_id)).camera
     return SurveyPicture(image_id, Path(), camera, pose.rotation.matrix(), np.asarray(pose.translation))
-
-
-def _alone(count: int, pairs: Pairs) -> NDArray[np.bool_]:
-    """(m,) pairs without which what they join would fall apart."""
-    every = np.arange(len(pairs))
-    whole = _groups(count, pairs)[0]
-    return np.array([_groups(count, pairs[every != k])[0] > whole for k in every], dtype=bool)
-
-
-def _largest_group(count: int, pairs: Pairs) -> NDArray[np.bool_]:
-    """(count,) members."""
-    labels = _groups(count, pairs)[1]
-    return np.asarray(labels == np.argmax(np.bincount(labels)))
-
-
-def _groups(count: int, pairs: Pairs) -> tuple[int, NDArray[np.int32]]:
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    number, labels = connected_components(graph, directed=False)
-    return int(number), np.asarray(labels)
