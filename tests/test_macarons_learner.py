@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from perception.macarons.field import Field
 from perception.macarons.inputs import gain_batch, joined, occupancy_batch
 from perception.macarons.learner import Learner, LearnSettings
 from perception.macarons.tracks import Track, depth_examples
 from perception.macarons.weights import Networks
-from tests.walk_scene import wall_walk
+from tests.walk_scene import full_field, wall_walk
 
 pytestmark = pytest.mark.xdist_group("macarons")
 
@@ -24,16 +23,9 @@ def track(tmp_path_factory: pytest.TempPathFactory) -> Track:
     return Track.read(wall_walk(folder), (112, 64), 25.0)
 
 
-def map_of(track: Track, frames: int) -> Field:
-    field = track.field(1500, 5)
-    for frame in range(frames):
-        field.add(track.true_look(frame), 0.5)
-    return field
-
-
 def test_queries_of_several_maps_are_answered_together_as_alone(track: Track) -> None:
     net, rng, pose = Networks.fresh(1).occupancy.eval(), np.random.default_rng(0), track.walk.pose(12)
-    fields = [map_of(track, 13), map_of(track, 9)]
+    fields = [full_field(track, 13), full_field(track, 9)]
     batches = [occupancy_batch(f, rng.permutation(f.open_queries())[:40], pose, 64, rng) for f in fields]
     first, second = (batch for batch in batches if batch is not None)
     with torch.no_grad():
@@ -51,7 +43,7 @@ def test_the_rate_rises_and_then_falls_to_nothing() -> None:
 
 
 def test_views_of_nothing_have_no_gain(track: Track) -> None:
-    field, rng, pose = map_of(track, 3), np.random.default_rng(0), track.walk.pose(2)
+    field, rng, pose = full_field(track, 3), np.random.default_rng(0), track.walk.pose(2)
     field.occupancy[:] = 0.0
     views = gain_batch(field, track.shots[0].camera, [pose, track.walk.pose(4)], pose, 24, rng)
     with torch.no_grad():

@@ -30,7 +30,7 @@ from perception.macarons.surface import Cells, Surface
 from perception.macarons.tracks import Track, depth_examples
 from perception.macarons.training import TrainingRun, TrainSettings
 from perception.macarons.weights import Networks
-from tests.walk_scene import wall_walk
+from tests.walk_scene import full_field, wall_walk
 
 pytestmark = pytest.mark.xdist_group("macarons")
 SMALL = LearnSettings(picture_px=(56, 32), batch=2, depth_rate=3e-4, warm_up=4, proxies=1500, queries=60,
@@ -169,13 +169,6 @@ def test_the_mirrored_world_has_mirrored_depth(track: Track) -> None:
     networks.depth.eval()
     with torch.no_grad():
         assert all(torch.isfinite(d).all() for d in mirrored(batch).predict(networks.depth))
-
-
-def full_field(track: Track, frames: int) -> Field:
-    field = track.field(1500, 5)
-    for frame in range(frames):
-        field.add(track.true_look(frame), 0.5)
-    return field
 
 
 def test_carving_leaves_the_wall_and_opens_the_space_before_it(track: Track) -> None:

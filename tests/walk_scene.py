@@ -10,6 +10,8 @@ import numpy as np
 
 from missions.camera import Pose
 from missions.training_walks import SUFFIX, TrainingWalk
+from perception.macarons.field import Field
+from perception.macarons.tracks import Track
 from tests.depth_scene import CAMERA, wall_picture
 
 MOVES, FRAMES = 4, 4
@@ -52,3 +54,11 @@ def wall_walk(folder: Path, seed: int = 0) -> Path:
     path = folder / f"wall_{seed}{SUFFIX}"
     walk.save(path)
     return path
+
+
+def full_field(track: Track, frames: int) -> Field:
+    """The map that the first frames of a walk make, of true depth."""
+    field = track.field(1500, 5)
+    for frame in range(frames):
+        field.add(track.true_look(frame), 0.5)
+    return field
