@@ -67,7 +67,7 @@ class Explorer:
         """regions: what operators mark while it explores."""
         self._mission, self._site, self._prior = mission, site, prior
         self._regions = regions or Regions(mission, site)
-        self.map = ExplorerMap(*fence_limit(mission, site), mission.explore.voxel_m)
+        self.map = ExplorerMap(*fence_limit(mission, site), mission.explore.voxel_m, mission.fleet.radius_m)
         self._hover = [np.array(p) for p in hover_points(mission, site)]
         self._energy = EnergyBudget(mission, site)
         for lower, upper in takeoff_columns(mission, site):

@@ -169,7 +169,7 @@ def test_a_ray_touches_exactly_the_voxels_it_passes_through(start: tuple[float, 
 
 
 def _explored(workers: int) -> ExplorerMap:
-    explorer = ExplorerMap(LOWER, UPPER, 0.5, workers=workers)
+    explorer = ExplorerMap(LOWER, UPPER, 0.5, 0.3, workers=workers)
     for i, up in enumerate((2.0, 4.0, 6.0, 8.0)):
         pose = Pose((0.0, -10.0, up), NORTH, 0.0)
         explorer.add_picture(wall_picture(pose, 0.2, noise_seed=i)[0], CAMERA, pose)
@@ -196,7 +196,7 @@ def test_number_of_workers_does_not_change_the_map() -> None:
 
 
 def test_one_picture_or_a_turn_on_the_spot_maps_nothing() -> None:
-    explorer = ExplorerMap(LOWER, UPPER, 0.5, workers=1)
+    explorer = ExplorerMap(LOWER, UPPER, 0.5, 0.3, workers=1)
     for yaw in (NORTH - 0.2, NORTH, NORTH + 0.2):
         pose = Pose((0.0, -8.0, 5.0), yaw, 0.0)
         explorer.add_picture(wall_picture(pose)[0], CAMERA, pose)

@@ -38,7 +38,7 @@ def flown() -> tuple[ExplorerMap, trimesh.Trimesh, Scene, list[Pose], Camera]:
     camera, poses = mission.camera.explore_camera(), _poses(scene)
     renderer = make_renderer(scene, mission.render, mission.camera, 1)
     lower, upper = np.array(scene.object_min_enu_m) - 14.25, np.array(scene.object_max_enu_m) + 14.0
-    explorer = ExplorerMap(lower, upper, mission.explore.voxel_m)
+    explorer = ExplorerMap(lower, upper, mission.explore.voxel_m, mission.fleet.radius_m)
     for i, pose in enumerate(poses):
         explorer.add_picture(renderer.render(camera, pose, [], i), camera, pose)
         if i % 4 == 3:

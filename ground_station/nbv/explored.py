@@ -49,7 +49,7 @@ class Explored:
         lower = np.minimum(self.object_min, self.lattice.lower_enu_m) - RIM
         upper = np.maximum(self.object_max, self.lattice.upper_enu_m) + RIM
         self._camera = brief.camera
-        self._map = ExplorerMap(lower, upper, VOXEL, MapSettings(sensing_range_m=RANGE), SWEEP,
+        self._map = ExplorerMap(lower, upper, VOXEL, self.radius, MapSettings(sensing_range_m=RANGE), SWEEP,
                                 workers=get_num_threads())
         for start in brief.starts:
             at = np.array(self.pose(start).position_enu_m)

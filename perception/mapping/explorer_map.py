@@ -15,25 +15,25 @@ from perception.depth.pictures import PictureDepths
 from perception.depth.plane_sweep import SweepSettings
 from perception.mapping.voxel_map import MapSettings, VoxelMap
 
-BODY_M = 0.3
-"""Half edge of the box that a camera's own presence proves free."""
-
 
 class ExplorerMap:
-    """Pictures with poses in, voxel map out. Deterministic: the same calls give the same map."""
+    """Pictures with poses in, voxel map out. Deterministic: the same calls give the same map.
 
-    def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float, map_settings: MapSettings | None = None,
-                 sweep_settings: SweepSettings | None = None, sources: int = 4, min_sources: int = 2,
-                 workers: int = 4) -> None:
+    body_m: half edge of the box around a camera that its vehicle's own presence proves free.
+    """
+
+    def __init__(self, lower_enu_m: Array, upper_enu_m: Array, voxel_m: float, body_m: float,
+                 map_settings: MapSettings | None = None, sweep_settings: SweepSettings | None = None, sources: int = 4,
+                 min_sources: int = 2, workers: int = 4) -> None:
         self.voxels = VoxelMap(lower_enu_m, upper_enu_m, voxel_m, map_settings)
         self._depths = PictureDepths(sweep_settings, sources, min_sources, workers)
         self._integrated: dict[int, DepthMap] = {}
-        self._workers = workers
+        self._body_m, self._workers = body_m, workers
 
     def add_picture(self, rgb: NDArray[np.uint8], camera: Camera, pose: Pose) -> int:
         """Takes a picture (h, w, 3) in; returns its index. Nothing is mapped before `update`."""
         at = np.array(pose.position_enu_m)
-        self.voxels.mark_free(at - BODY_M, at + BODY_M)
+        self.voxels.mark_free(at - self._body_m, at + self._body_m)
         return self._depths.add(rgb, camera, pose)
 
     def update(self) -> list[int]:
