@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ground_station.nbv.look_out import leg_ends, looking_out, shut_in
+from ground_station.nbv.look_out import LookOut, leg_ends, shut_in
 from missions.camera import Camera
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
+from planning.nbv.lattice import in_view
 
 LATTICE = PoseLattice((0.0, 0.0, 0.0), (8.0, 8.0, 8.0), (3, 3, 3), (-30.0, 0.0, 30.0), 8)
 CAMERA = Camera.from_diagonal_fov(96, 64, 84.0)
@@ -39,12 +40,41 @@ def test_shut_in_is_who_reaches_nothing_new() -> None:
     assert shut_in(LATTICE, to_and_fro | legs((b, EAST)), a, {a, b, c})
 
 
-def test_of_all_views_those_that_show_the_legs_onward_are_kept() -> None:
-    here, behind = place(1, 1, 1), place(0, 1, 1)
-    maybe = legs((here, EAST))
-    poses = [LATTICE.flat((0, 1, 1, 1, a)) for a in range(8)]
-    kept = looking_out(LATTICE, maybe, {here, behind}, poses, CAMERA)
-    ahead = LATTICE.yaw_elevation_rad[[p % LATTICE.orientations for p in kept], 0]
-    assert (np.cos(ahead) > 0.5).all()
-    assert set(kept) <= set(poses)
-    assert looking_out(LATTICE, legs(), {here}, poses, CAMERA) == poses
+def look_out(start: tuple[int, ...], unseen: np.ndarray, times: int) -> list[int | None]:
+    """Steps of a vehicle that was at two places, which the leg east of the second may lead on from."""
+    behind, here = place(0, 1, 1), place(1, 1, 1)
+    out, at = LookOut(LATTICE, CAMERA), LATTICE.flat(start)  # type: ignore[arg-type]
+    steps: list[int | None] = []
+    for _ in range(times):
+        step = out.first_step(at, legs((behind, EAST), (here, WEST)), legs((here, EAST)), {behind, here},
+                              lambda a, b: unseen if (a, b) == (here, place(2, 1, 1)) else np.zeros((0, 3)))
+        steps.append(step)
+        at = at if step is None else step
+    return steps
+
+
+def sees(pose: int, points: np.ndarray) -> float:
+    at, orientation = divmod(pose, LATTICE.orientations)
+    yaw, elevation = LATTICE.yaw_elevation_rad[[orientation]].T
+    return float(in_view(points - LATTICE.positions_enu_m[at], yaw, elevation, CAMERA).mean())
+
+
+def test_it_turns_until_it_sees_what_must_be_seen_of_the_leg_onward() -> None:
+    along = np.linspace(5.0, 6.5, 9)[:, None] * [1.0, 0.0, 0.0] + [0.0, 4.0, 4.0]
+    steps = look_out((0, 1, 1, 1, 4), along, 4)
+    at = LATTICE.flat((0, 1, 1, 1, 4))
+    for step in steps:
+        assert step in LATTICE.steps[at]
+        at = step  # type: ignore[assignment]
+    assert max(sees(step, along) for step in steps if step is not None) == 1.0
+
+
+def test_it_does_not_look_for_ever_at_what_no_picture_shows() -> None:
+    along = np.linspace(5.0, 6.5, 9)[:, None] * [1.0, 0.0, 0.0] + [0.0, 4.0, 4.0]
+    steps = look_out((0, 1, 1, 1, 0), along, 12)
+    assert steps[0] is not None
+    assert steps[-1] is None
+
+
+def test_without_anything_to_look_at_there_is_nowhere_to_turn() -> None:
+    assert look_out((0, 1, 1, 1, 4), np.zeros((0, 3)), 1) == [None]

@@ -48,7 +48,7 @@ def seen(pose: Pose, wire: Array | None, seed: int) -> Picture:
 
 
 def votes(points: Array, wire: Array | None, poses: list[Pose]) -> LineVotes:
-    result = LineVotes(points, 25.0)
+    result = LineVotes(points, 25.0, 25.0)
     for pose in poses:
         result.add(line_strength(seen(pose, wire, POSES.index(pose))), CAMERA, pose)
     return result

@@ -147,6 +147,19 @@ class Explored:
 
         return (self._edges(is_free) & self._wires.looked_at_edges()) | self._flown
 
+    def not_known_free(self, a: int, b: int) -> Array:
+        """(n, 3) places that must be looked at before the leg between two positions can be in `known_free_edges`."""
+        ends = self.lattice.positions_enu_m[[a, b]]
+        first = np.maximum(self.grid.index(ends.min(axis=0) - self.radius), 0)
+        swept = tuple(slice(int(low), int(high) + 1)
+                      for low, high in zip(first, self.grid.index(ends.max(axis=0) + self.radius), strict=True))
+        unknown = np.zeros(self.grid.state[swept].shape, dtype=np.bool_)
+        box = tuple(slice(max(inner.start - at, 0), max(inner.stop - at, 0))
+                    for inner, at in zip(self.inside_object_box(), first, strict=True))
+        unknown[box] = self.grid.state[swept][box] == UNKNOWN
+        return np.concatenate([self.grid.centers(np.argwhere(unknown) + first),
+                               self.scale * self._wires.not_looked_at(a, b)])
+
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""
         edges = np.zeros((len(self.lattice.positions_enu_m), len(AXIS_STEPS)), dtype=np.bool_)

@@ -2,18 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
 from missions.camera import Camera
 from missions.frames import Array
-from missions.pose_lattice import TURNS, PoseLattice
+from missions.pose_lattice import TURNS, UNREACHED, Indices, PoseLattice, fewest_steps, way_back
 from planning.nbv.lattice import in_view
 
-ALONG = np.array([0.3, 0.6, 1.0])
-"""Places on a leg that a view should show."""
+STEPS_AHEAD = 6
+"""A view farther away is not gone to."""
+PER_STEP = 0.9
+"""What a view is worth one step later."""
+IN_VAIN = 0.5
+"""What a leg is worth after each view of it that did not open it."""
+LEAST = 0.05
+"""Views that show less of every leg are not worth while."""
+MOST_PLACES = 80
+"""Of more places on a leg that must be seen, as many are looked up."""
+
+Leg = tuple[int, int]
+"""A position and an axis step from it."""
+
+
+class LookOut:
+    """The views that show what must be seen before a leg to somewhere new is known to be open."""
+
+    def __init__(self, lattice: PoseLattice, camera: Camera) -> None:
+        self._lattice, self._camera = lattice, camera
+        self._ends = leg_ends(lattice)
+        self._looks = np.zeros(self._ends.shape, dtype=np.int64)
+
+    def first_step(self, here: int, sure: NDArray[np.bool_], maybe: NDArray[np.bool_], been: Collection[int],
+                   not_known_free: Callable[[int, int], Array]) -> int | None:
+        """The pose to go to from a pose; None where no view shows enough.
+
+        sure, maybe (p, 6): legs that are open, and that may be. been: positions. not_known_free: (n, 3) what must be
+        seen of the leg between two positions.
+        """
+        steps = self._lattice.steps_along(sure)
+        distance = fewest_steps(steps, here)
+        poses = np.flatnonzero((distance > 0) & (distance <= STEPS_AHEAD))
+        legs = self._onward(np.unique(poses // self._lattice.orientations), maybe, been)
+        if not legs or not len(poses):
+            return None
+        shown = self._shown(poses, legs, [not_known_free(a, int(self._ends[a, k])) for a, k in legs])
+        worth = shown * PER_STEP ** (distance[poses] - 1.0)[:, None]
+        best, leg = (int(n) for n in np.unravel_index(int(worth.argmax()), worth.shape))
+        if worth[best, leg] < LEAST:
+            return None
+        if distance[poses[best]] == 1:
+            self._looks[legs[leg]] += 1
+        return way_back(steps, distance, int(poses[best]))[0]
+
+    def _onward(self, places: Indices, maybe: NDArray[np.bool_], been: Collection[int]) -> list[Leg]:
+        """Legs that may be open and lead from places to where no vehicle was."""
+        ends = self._ends[places]
+        start, step = np.nonzero(maybe[places] & (ends != UNREACHED) & ~np.isin(ends, sorted(been)))
+        return [(int(places[a]), int(k)) for a, k in zip(start, step, strict=True)]
+
+    def _shown(self, poses: Indices, legs: list[Leg], unseen: list[Array]) -> Array:
+        """(poses, legs) share that each pose shows of what must be seen of each leg, less where that was in vain. Only
+        poses at a leg's start and beside it count."""
+        places, orientation = np.divmod(poses, self._lattice.orientations)
+        yaw, elevation = self._lattice.yaw_elevation_rad.T
+        result = np.zeros((len(poses), len(legs)))
+        for n, ((start, step), points) in enumerate(zip(legs, unseen, strict=True)):
+            some = points[:: 1 + len(points) // MOST_PLACES]
+            for place in np.unique(places[np.isin(places, [start, *self._ends[start]])]) if len(some) else ():
+                share = in_view(some - self._lattice.positions_enu_m[place], yaw, elevation, self._camera).mean(axis=0)
+                at = places == place
+                result[at, n] = share[orientation[at]] * IN_VAIN ** self._looks[start, step]
+        return result
 
 
 def shut_in(lattice: PoseLattice, sure: NDArray[np.bool_], here: int, been: Collection[int]) -> bool:
@@ -30,28 +92,7 @@ def shut_in(lattice: PoseLattice, sure: NDArray[np.bool_], here: int, been: Coll
     return True
 
 
-def looking_out(lattice: PoseLattice, maybe: NDArray[np.bool_], been: Collection[int], poses: list[int],
-                camera: Camera) -> list[int]:
-    """Those of the poses that look at most of the legs (p, 6) that may be open and lead from where a vehicle was to
-    where none was."""
-    ends, at, places = leg_ends(lattice), lattice.positions_enu_m, np.array(sorted(been))
-    start, step = np.nonzero(maybe[places] & (ends[places] >= 0) & ~np.isin(ends[places], places))
-    if not len(start) or not poses:
-        return poses
-    start, end = at[places[start]], at[ends[places[start], step]]
-    targets = (start + ALONG[:, None, None] * (end - start)).reshape(-1, 3)
-    shown = [_shown(lattice, pose, targets, camera) for pose in poses]
-    return [pose for pose, count in zip(poses, shown, strict=True) if count == max(shown)]
-
-
 def leg_ends(lattice: PoseLattice) -> NDArray[np.int64]:
     """(p, 6) position to which each axis step leads; negative where there is none."""
     straight = lattice.steps[::lattice.orientations, :: len(TURNS)]
     return np.where(straight >= 0, straight // lattice.orientations, -1)
-
-
-def _shown(lattice: PoseLattice, pose: int, targets: Array, camera: Camera) -> int:
-    position, orientation = divmod(pose, lattice.orientations)
-    yaw, elevation = lattice.yaw_elevation_rad[orientation]
-    away = targets - lattice.positions_enu_m[position]
-    return int(in_view(away, np.array([yaw]), np.array([elevation]), camera).sum())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from ground_station.nbv.hopes import Hopes
-from ground_station.nbv.look_out import looking_out, shut_in
+from ground_station.nbv.look_out import LookOut, shut_in
 from ground_station.nbv.options import options_of
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
@@ -58,6 +58,7 @@ class Swarmscan:
         options = options_of(brief, SwarmscanOptions)
         self._lattice, self._camera = brief.lattice, brief.camera
         self._explored, self._hopes = Explored(brief), Hopes(brief.lattice)
+        self._look_out = LookOut(self._explored.lattice, brief.camera)
         self._imagination, self._spec = make_imagination(options.adapt), HorizonSpec()
         self._at = {vehicle: self._lattice.flat(start) for vehicle, start in enumerate(brief.starts, 1)}
         self._visited = set(self._at.values())
@@ -143,4 +144,6 @@ class Swarmscan:
         been = {pose // lattice.orientations for pose in self._visited}
         if not shut_in(lattice, likely == 1.0, here // lattice.orientations, been):
             return new
-        return looking_out(lattice, (likely > 0.0) & (likely < 1.0), been, new, self._camera)
+        first = self._look_out.first_step(here, likely == 1.0, (likely > 0.0) & (likely < 1.0), been,
+                                          self._explored.not_known_free)
+        return [first] if first in clear else new

@@ -15,14 +15,16 @@ from missions.pose_lattice import AXIS_STEPS, PoseLattice
 from perception.mapping.line_votes import LineVotes, line_strength
 
 THINNEST_M = 0.03
-LEAST_PX = 0.25
-"""Pictures vote on places where a wire of THINNEST_M is at least so wide."""
+LEAST_PX, SURE_PX = 0.25, 0.4
+"""Pictures vote on places where a wire of THINNEST_M is at least so wide. Where it is narrower than SURE_PX they may
+fail to show it, all of those of one step at once."""
 SPACING_M = 0.25
 STRUNG, STRUNG_SOON = 15.0, 3.5
 """A leg with so many standard deviations for a wire at any place that the body sweeps is not flown; or, while few
 pictures have voted, with so many times the root of their number: by chance their votes hardly add up to that."""
 LEAST_PICTURES = 2
-"""A place counts as looked at when so many have voted on it, as many as the map needs to call it free."""
+"""A place counts as looked at when so many have voted on it that would surely have shown a wire, as many as the map
+needs to call it free."""
 
 
 class Wires:
@@ -33,8 +35,9 @@ class Wires:
         low, high = (np.array(corner) for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
         self._legs = [_swept(self._lattice, axis, low - brief.fleet.radius_m, high + brief.fleet.radius_m)
                       for axis in range(3)]
-        reach_m = min(THINNEST_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
-        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
+        reach_m, sure_m = (min(THINNEST_M * brief.camera.fx_px / px, brief.sensing_range_m)
+                           for px in (LEAST_PX, SURE_PX))
+        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m, sure_m)
         self._workers, self._new = ThreadPoolExecutor(get_num_threads()), list[Frame]()
         self._stood = np.zeros(len(self._votes.points_enu_m), dtype=np.bool_)
 
@@ -59,7 +62,24 @@ class Wires:
 
     def looked_at_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where wires would show, for enough pictures were taken of them from nearby."""
-        return self._edges(self._stood | (self._votes.counts >= LEAST_PICTURES))
+        return self._edges(self._looked_at)
+
+    def not_looked_at(self, a: int, b: int) -> Array:
+        """(n, 3) places on the leg between two positions where a wire would not show yet."""
+        begin = 0
+        for axis, (points, leg) in enumerate(self._legs):
+            start, end = self._lattice.legs(axis)
+            between = (start == min(a, b)) & (end == max(a, b))
+            if between.any():
+                here: Array = points[between[leg] & ~self._looked_at[begin:begin + len(points)]]
+                return here
+            begin += len(points)
+        return np.zeros((0, 3))
+
+    @property
+    def _looked_at(self) -> NDArray[np.bool_]:
+        result: NDArray[np.bool_] = self._stood | (self._votes.sure_counts >= LEAST_PICTURES)
+        return result
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(p, 6) steps all of whose points are good (n,)."""

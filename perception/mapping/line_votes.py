@@ -90,17 +90,17 @@ def _best_lines(contrast: Image, dx: NDArray[np.int64], dy: NDArray[np.int64], s
 class LineVotes:
     """The votes of all pictures on some points. Whole numbers, so that the order of pictures does not matter."""
 
-    def __init__(self, points_enu_m: Array, reach_m: float) -> None:
-        """For points (n, 3); pictures from farther away than reach_m have no vote."""
-        self.points_enu_m, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
-        self._sums = np.zeros(len(points_enu_m), np.int32)
-        self._counts = np.zeros(len(points_enu_m), np.int32)
+    def __init__(self, points_enu_m: Array, reach_m: float, sure_m: float) -> None:
+        """For points (n, 3); pictures from farther away than reach_m have no vote, and those from farther than sure_m
+        show no wire surely."""
+        self.points_enu_m, self._reach_m, self._sure_m = np.ascontiguousarray(points_enu_m), reach_m, sure_m
+        self._sums, self._counts, self._sure_counts = (np.zeros(len(points_enu_m), np.int32) for _ in range(3))
 
     def add(self, strength: Strengths, camera: Camera, pose: Pose) -> None:
         """A picture votes by the `line_strength` of it."""
         levels = np.stack([cv2.dilate(strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
         _vote(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
-              camera.matrix, levels, self._reach_m, self._sums, self._counts)
+              camera.matrix, levels, self._reach_m, self._sure_m, self._sums, self._counts, self._sure_counts)
 
     @property
     def sigmas(self) -> Array:
@@ -112,10 +112,15 @@ class LineVotes:
         """(n,) pictures that voted on each point."""
         return self._counts
 
+    @property
+    def sure_counts(self) -> Counts:
+        """(n,) those of them that would have shown a wire surely."""
+        return self._sure_counts
+
 
 @compiled
 def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, reach: float,
-          sums: Counts, counts: Counts) -> None:
+          sure: float, sums: Counts, counts: Counts, sure_counts: Counts) -> None:
     """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far."""
     _, h, w = levels.shape
     for i in range(len(points)):
@@ -130,4 +135,5 @@ def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         row = int(np.floor(0.5 * (matrix[1, 1] * down / depth + matrix[1, 2])))
         if 2 <= column < w - 2 and 2 <= row < h - 2:
             counts[i] += 1
+            sure_counts[i] += distance <= sure
             sums[i] += levels[0 if distance < NEAR_M else 1, row, column] - int(UNLIKELY * UNIT)
