@@ -3,6 +3,8 @@
 Every state leaves some of its unknown voxels behind, with what was known around them then. Those that have become known
 since say whether they are solid. The others, most of which no picture will ever show, hold the network to what it said
 before the flight: what becomes known is mostly air, and must not talk the inside of things away.
+
+It learns besides how far the object is alike left and right, front and back (`perception.imagination.symmetry`).
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from missions.grid import OCCUPIED, UNKNOWN, VoxelGrid
 from perception.imagination.imagine import Imagination, Unseen
 from perception.imagination.layers import gradients
 from perception.imagination.surroundings import COUNT, Floats
+from perception.imagination.symmetry import evidence
 
 DECAY, SQUARE_DECAY, SMALL = 0.9, 0.999, 1e-8
 """Of Adam (Kingma & Ba, 2015)."""
@@ -53,11 +56,12 @@ class AdaptiveImagination:
 
     def occupancy(self, grid: VoxelGrid, object_min_enu_m: Array, object_max_enu_m: Array,
                   ground_up_m: float) -> NDArray[np.float32]:
-        """As Imagination's, by a network that has learnt from all states of the map up to this one."""
+        """As Imagination's, by a network that has learnt from all states of the map so far, and by opposites."""
         self._learn(grid)
         unseen = Unseen.of(grid, object_min_enu_m, object_max_enu_m, ground_up_m)
         self._remember(unseen)
-        return self.now.occupancy_of(grid, unseen, ground_up_m)
+        opposites = evidence(grid, unseen.index, object_min_enu_m, object_max_enu_m)
+        return self.now.occupancy_of(grid, unseen, ground_up_m, opposites)
 
     def _remember(self, unseen: Unseen) -> None:
         some = self._rng.permutation(len(unseen.known))[:self._s.kept]

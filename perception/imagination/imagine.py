@@ -80,20 +80,23 @@ class Imagination:
         """
         return self.occupancy_of(grid, Unseen.of(grid, object_min_enu_m, object_max_enu_m, ground_up_m), ground_up_m)
 
-    def occupancy_of(self, grid: VoxelGrid, unseen: Unseen, ground_up_m: float) -> NDArray[np.float32]:
-        """As `occupancy`, where what is known around the unknown voxels has been gathered before."""
+    def occupancy_of(self, grid: VoxelGrid, unseen: Unseen, ground_up_m: float,
+                     log_odds: Floats | None = None) -> NDArray[np.float32]:
+        """As `occupancy`, where what is known around the n unknown voxels has been gathered before; log_odds (n,):
+        what speaks for solid besides."""
         result = np.full(grid.state.shape, 1.0 - math.exp(-OUTSIDE_PER_M * grid.voxel_m), dtype=np.float32)
         under = int(np.clip((ground_up_m - grid.origin_enu_m[2]) // grid.voxel_m, 0, grid.state.shape[2]))
         result[:, :, :under] = 1.0
-        result[tuple(unseen.index)] = self.chance(unseen.known)
+        result[tuple(unseen.index)] = self.chance(unseen.known, log_odds)
         result[grid.state == FREE] = 0.0
         result[grid.state == OCCUPIED] = 1.0
         return result
 
-    def chance(self, known: Floats) -> Floats:
-        """(n,) probability of solid from (n, COUNT) numbers."""
+    def chance(self, known: Floats, log_odds: Floats | None = None) -> Floats:
+        """(n,) probability of solid from (n, COUNT) numbers, and (n,) log odds that are added."""
         parts = np.array_split(np.ascontiguousarray(known.T), THREADS, axis=1)
         with ThreadPoolExecutor(THREADS) as pool:
             logit = np.concatenate(list(pool.map(lambda k: logits(k, self.mean, self.scale, *self.layers), parts)))
+        logit = logit if log_odds is None else logit + log_odds
         result: Floats = np.float32(1.0) / (np.float32(1.0) + np.exp(-logit))
         return result
