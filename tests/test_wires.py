@@ -78,6 +78,14 @@ def test_the_order_of_pictures_does_not_matter_and_far_ones_have_no_vote() -> No
     assert first.sigmas[1] == 0.0
 
 
+def test_from_afar_no_picture_shows_surely_that_there_is_no_wire() -> None:
+    found = LineVotes(np.array([[10.0, 0.0, 5.0], [22.0, 0.0, 5.0]]), 25.0, 15.0)
+    for k, pose in enumerate(POSES):
+        found.add(line_strength(seen(pose, WIRE, k)), CAMERA, pose)
+    assert (found.counts == len(POSES)).all()
+    assert found.sure_counts.tolist() == [len(POSES), 0]
+
+
 @pytest.mark.parametrize("strung", [False, True])
 def test_a_leg_across_a_wire_is_not_flown(strung: bool) -> None:
     wires, lattice = Wires(brief()), brief().lattice

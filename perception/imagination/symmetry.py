@@ -22,7 +22,7 @@ APART_M = 3.0
 """Opposites nearer to each other are alike because they are neighbours."""
 PRIOR = 50.0
 """Pairs without a say that are added to those of the map."""
-SHARE = 0.4
+SHARE = 0.5
 """Of what opposites say: the network has read some of it off what lies between."""
 
 
