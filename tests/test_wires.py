@@ -15,7 +15,7 @@ from missions.camera import Camera, Pose
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS
-from perception.mapping.line_votes import STRONGEST_LINE, UNIT, LineVotes, line_strength
+from perception.mapping.line_votes import STRONGEST_LINE, UNIT, Lines, LineVotes
 
 CAMERA = Camera.from_diagonal_fov(456, 256, 84.0)
 Picture = NDArray[np.uint8]
@@ -39,63 +39,83 @@ def grass(seed: int) -> Picture:
 
 def seen(pose: Pose, wire: Array | None, seed: int) -> Picture:
     """Grass, of its own in every picture, and before it a wire one pixel wide."""
-    picture = grass(seed)
-    if wire is not None:
-        ends = (wire - np.array(pose.position_enu_m)) @ pose.enu_from_camera @ CAMERA.matrix.T
-        a, b = (ends[:, :2] / ends[:, 2:]).round().astype(int).tolist()
-        cv2.line(picture, a, b, (70, 70, 70), 1)
-    return picture
+    return grass(seed) if wire is None else strung(grass(seed), pose, wire)
+
+
+def strung(picture: Picture, pose: Pose, wire: Array) -> Picture:
+    """The picture with the wire before it."""
+    ends = (wire - np.array(pose.position_enu_m)) @ pose.enu_from_camera @ CAMERA.matrix.T
+    a, b = (ends[:, :2] / ends[:, 2:]).round().astype(int).tolist()
+    return np.asarray(cv2.line(picture.copy(), a, b, (70, 70, 70), 1), dtype=np.uint8)
 
 
 def votes(points: Array, wire: Array | None, poses: list[Pose]) -> LineVotes:
     result = LineVotes(points, 25.0, 25.0)
     for pose in poses:
-        result.add(line_strength(seen(pose, wire, POSES.index(pose))), CAMERA, pose)
+        result.add(Lines.of(seen(pose, wire, POSES.index(pose))), CAMERA, pose)
     return result
 
 
 def test_a_line_stands_out_as_far_as_a_byte_can_say_and_grass_does_not() -> None:
-    strength = line_strength(seen(POSES[0], WIRE, 0))
+    strength = Lines.of(seen(POSES[0], WIRE, 0)).strength
     assert strength.max() == int(STRONGEST_LINE * UNIT)
     assert np.median(strength) < 0.3 * strength.max()
-    assert not line_strength(np.full((256, 456, 3), 90, np.uint8)).any()
+    assert not Lines.of(np.full((256, 456, 3), 90, np.uint8)).strength.any()
 
 
 def test_pictures_agree_on_a_wire_where_it_is_and_nowhere_else() -> None:
     on, off = np.array([[10.0, y, 5.0] for y in (-2.0, 0.0, 2.0)]), np.array([[7.0, 0.0, 4.2], [12.0, 1.0, 6.5]])
     both = np.concatenate([on, off])
     there = votes(both, WIRE, POSES)
-    assert (there.sigmas[:3] > STRUNG).all()
-    assert (there.sigmas[3:] < STRUNG).all()
-    assert (votes(both, None, POSES).sigmas < STRUNG).all()
+    assert (there.every.sigmas[:3] > STRUNG).all()
+    assert (there.every.sigmas[3:] < STRUNG).all()
+    assert (votes(both, None, POSES).every.sigmas < STRUNG).all()
 
 
 def test_the_order_of_pictures_does_not_matter_and_far_ones_have_no_vote() -> None:
     points = np.array([[10.0, 0.0, 5.0], [60.0, 0.0, 5.0]])
     first, second = votes(points, WIRE, POSES), votes(points, WIRE, POSES[::-1])
-    np.testing.assert_array_equal(first.sigmas, second.sigmas)
-    assert first.sigmas[0] != 0.0
-    assert first.sigmas[1] == 0.0
+    np.testing.assert_array_equal(first.every.sigmas, second.every.sigmas)
+    assert first.every.sigmas[0] != 0.0
+    assert first.every.sigmas[1] == 0.0
 
 
 def test_from_afar_no_picture_shows_surely_that_there_is_no_wire() -> None:
     found = LineVotes(np.array([[10.0, 0.0, 5.0], [22.0, 0.0, 5.0]]), 25.0, 15.0)
     for k, pose in enumerate(POSES):
-        found.add(line_strength(seen(pose, WIRE, k)), CAMERA, pose)
-    assert (found.counts == len(POSES)).all()
+        found.add(Lines.of(seen(pose, WIRE, k)), CAMERA, pose)
+    assert (found.every.counts == len(POSES)).all()
     assert found.sure_counts.tolist() == [len(POSES), 0]
 
 
-@pytest.mark.parametrize("strung", [False, True])
-def test_a_leg_across_a_wire_is_not_flown(strung: bool) -> None:
+def test_pictures_that_would_not_show_a_wire_do_not_outvote_those_that_do() -> None:
+    wire = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]])
     wires, lattice = Wires(brief()), brief().lattice
-    wire = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]]) if strung else None
+    through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
+    sky, rng = np.full((256, 456, 3), 200, np.uint8), np.random.default_rng(1)
+    before_leaves = [Frame(vehicle=1, pose=pose, index=None, rgb=rng.integers(60, 140, sky.shape, dtype=np.uint8))
+                     for pose in POSES]
+    before_sky = [Frame(vehicle=1, pose=pose, index=None, rgb=strung(sky, pose, wire)) for pose in POSES[:3]]
+    for frame in 3 * before_leaves:
+        wires.see(frame)
+    wires.update()
+    assert wires.clear_edges()[through]
+    for frame in before_sky:
+        wires.see(frame)
+    wires.update()
+    assert not wires.clear_edges()[through]
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_leg_across_a_wire_is_not_flown(there: bool) -> None:
+    wires, lattice = Wires(brief()), brief().lattice
+    wire = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]]) if there else None
     through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
     outside = lattice.flat((0, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
     for k, pose in enumerate(POSES):
         wires.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
     wires.update()
-    assert wires.clear_edges()[through] == (not strung)
+    assert wires.clear_edges()[through] == (not there)
     assert wires.clear_edges()[outside]
 
 
@@ -115,15 +135,15 @@ def test_a_leg_that_was_flown_is_open_both_ways() -> None:
 def test_few_pictures_that_agree_on_a_wire_are_enough_and_one_that_shows_none_is_not() -> None:
     wire, lattice = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]]), brief().lattice
     through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
-    strung, free = Wires(brief()), Wires(brief())
+    wired, free = Wires(brief()), Wires(brief())
     looked = []
     for k, pose in enumerate(POSES[:6:2]):
-        strung.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
+        wired.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
         free.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, None, k)))
-        strung.update()
+        wired.update()
         free.update()
         looked.append(bool(free.looked_at_edges()[through]))
-    assert not strung.clear_edges()[through]
+    assert not wired.clear_edges()[through]
     assert free.clear_edges()[through]
     assert looked == sorted(looked)
     assert not looked[0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
-from perception.mapping.line_votes import LineVotes, line_strength
+from perception.mapping.line_votes import Lines, LineVotes, Tally
 
 THINNEST_M = 0.03
 LEAST_PX, SURE_PX = 0.25, 0.4
@@ -47,9 +47,9 @@ class Wires:
 
     def update(self) -> None:
         """Every new picture votes."""
-        strengths = self._workers.map(lambda frame: line_strength(frame.rgb), self._new)
-        for frame, strength in zip(self._new, strengths, strict=True):
-            self._votes.add(strength, self._camera, frame.pose)
+        lines = self._workers.map(lambda frame: Lines.of(frame.rgb), self._new)
+        for frame, found in zip(self._new, lines, strict=True):
+            self._votes.add(found, self._camera, frame.pose)
         self._new.clear()
 
     def was_at(self, position_enu_m: Array, clearance_m: float) -> None:
@@ -58,7 +58,7 @@ class Wires:
 
     def clear_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where no wire shows in the pictures."""
-        return self._edges(self._votes.sigmas <= np.minimum(STRUNG, STRUNG_SOON * np.sqrt(self._votes.counts)))
+        return self._edges(_shows_none(self._votes.every) & _shows_none(self._votes.plain))
 
     def looked_at_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where wires would show, for enough pictures were taken of them from nearby."""
@@ -91,6 +91,12 @@ class Wires:
             edges[b[~bad], 2 * axis] = edges[a[~bad], 2 * axis + 1] = True
             begin += len(points)
         return edges
+
+
+def _shows_none(votes: Tally) -> NDArray[np.bool_]:
+    """(n,) points where the votes do not add up to a wire."""
+    result: NDArray[np.bool_] = votes.sigmas <= np.minimum(STRUNG, STRUNG_SOON * np.sqrt(votes.counts))
+    return result
 
 
 def _swept(lattice: PoseLattice, axis: int, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -8,6 +8,7 @@ elsewhere.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import reduce
 
 import cv2
@@ -31,6 +32,10 @@ SEEN = 0.3
 """A line is looked for through pixels that stand out by this much."""
 UNLIKELY = 3.3
 """A line of this strength speaks neither for a wire nor against it."""
+PLAIN = 5.0
+"""A wire shows plainly where its line would be so strong."""
+WIRE_M, WIRE_DN = 0.03, 20.0
+"""The thinnest wire that is reckoned with, and how much it differs from grass behind it."""
 UNIT = 32
 """Votes are whole numbers: this many to a standard deviation."""
 NEAR_M = 9.0
@@ -40,22 +45,47 @@ Strengths = NDArray[np.uint8]
 Counts = NDArray[np.int32]
 
 
-def line_strength(rgb: NDArray[np.uint8]) -> Strengths:
-    """(h / 2, w / 2) how much the best straight line of 2 HALF_LENGTH + 1 pixels through each pixel stands out, in
-    1 / UNIT standard deviations, from a picture (h, w, 3)."""
+@dataclass(frozen=True)
+class Lines:
+    """What a picture shows of thin lines, at half its size."""
+
+    strength: Strengths
+    """(h, w) how much the best straight line of 2 HALF_LENGTH + 1 pixels through each pixel stands out, in 1 / UNIT
+    standard deviations."""
+    plain_dn: Image
+    """(h, w) how much a line must differ from what is beside it to be as strong as PLAIN."""
+
+    @classmethod
+    def of(cls, rgb: NDArray[np.uint8]) -> Lines:
+        """Those of a picture (2 h, 2 w, 3)."""
+        contrast = _contrast(rgb)
+        mean, spread = _around(contrast)
+        angle, along = np.pi * np.arange(ANGLES) / ANGLES, np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
+        dx, dy = (np.round(np.outer(f(angle), along)).astype(np.int64) for f in (np.cos, np.sin))
+        strength = np.zeros_like(contrast)
+        _best_lines(np.minimum((contrast - mean) / spread, STRONGEST).astype(np.float32), dx, dy, strength)
+        mean, spread = _around(np.minimum(contrast, np.float32(WIRE_DN)))  # or a wire would hide itself
+        plain = mean + PLAIN / np.sqrt(2 * HALF_LENGTH + 1) * spread
+        return cls(np.asarray(UNIT * np.clip(strength, 0.0, STRONGEST_LINE), dtype=np.uint8),
+                   plain.astype(np.float32))
+
+
+def _around(contrast: Image) -> tuple[Image, Image]:
+    """Mean and standard deviation in the window around each pixel, this with the noise of a camera."""
+    mean = cv2.blur(contrast, (AROUND, AROUND))
+    square = cv2.blur(contrast * contrast, (AROUND, AROUND))
+    return mean, np.sqrt(np.maximum(square - mean * mean, 0.0)) + np.float32(NOISE_DN)
+
+
+def _contrast(rgb: NDArray[np.uint8]) -> Image:
+    """(h, w) how much each pixel of a picture (2 h, 2 w, 3) differs from what is beside it, if it is thin."""
     h, w = rgb.shape[0] // 2, rgb.shape[1] // 2
     bright, dark = (cv2.morphologyEx(rgb, hat, np.ones((3, 3), np.uint8))
                     for hat in (cv2.MORPH_TOPHAT, cv2.MORPH_BLACKHAT))
-    thin = np.maximum(bright, dark)
-    strongest = reduce(np.maximum, cv2.split(thin))[: 2 * h, : 2 * w]
-    contrast = reduce(np.maximum, [strongest[i::2, j::2] for i in (0, 1) for j in (0, 1)]).astype(np.float32)
-    mean = cv2.blur(contrast, (AROUND, AROUND))
-    spread = np.sqrt(np.maximum(cv2.blur(contrast * contrast, (AROUND, AROUND)) - mean * mean, 0.0)) + NOISE_DN
-    angle, along = np.pi * np.arange(ANGLES) / ANGLES, np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
-    dx, dy = (np.round(np.outer(f(angle), along)).astype(np.int64) for f in (np.cos, np.sin))
-    strength = np.zeros((h, w), np.float32)
-    _best_lines(np.minimum((contrast - mean) / spread, STRONGEST).astype(np.float32), dx, dy, strength)
-    return np.asarray(UNIT * np.clip(strength, 0.0, STRONGEST_LINE), dtype=np.uint8)
+    strongest = reduce(np.maximum, cv2.split(np.maximum(bright, dark)))[: 2 * h, : 2 * w]
+    halves = [strongest[i::2, j::2] for i in (0, 1) for j in (0, 1)]
+    result: Image = reduce(np.maximum, halves).astype(np.float32)
+    return result
 
 
 @compiled
@@ -87,53 +117,62 @@ def _best_lines(contrast: Image, dx: NDArray[np.int64], dy: NDArray[np.int64], s
                     strength[y, x] = max(strength[y, x], total / np.float32(np.sqrt(n)))
 
 
-class LineVotes:
-    """The votes of all pictures on some points. Whole numbers, so that the order of pictures does not matter."""
+class Tally:
+    """Votes on n points. Whole numbers, so that the order of pictures does not matter."""
 
-    def __init__(self, points_enu_m: Array, reach_m: float, sure_m: float) -> None:
-        """For points (n, 3); pictures from farther away than reach_m have no vote, and those from farther than sure_m
-        show no wire surely."""
-        self.points_enu_m, self._reach_m, self._sure_m = np.ascontiguousarray(points_enu_m), reach_m, sure_m
-        self._sums, self._counts, self._sure_counts = (np.zeros(len(points_enu_m), np.int32) for _ in range(3))
-
-    def add(self, strength: Strengths, camera: Camera, pose: Pose) -> None:
-        """A picture votes by the `line_strength` of it."""
-        levels = np.stack([cv2.dilate(strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
-        _vote(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
-              camera.matrix, levels, self._reach_m, self._sure_m, self._sums, self._counts, self._sure_counts)
+    def __init__(self, points: int) -> None:
+        self.sums, self.counts = np.zeros(points, np.int32), np.zeros(points, np.int32)
 
     @property
     def sigmas(self) -> Array:
         """(n,) how much speaks for a wire near each point, as a sum of standard deviations; negative: none."""
-        return self._sums / UNIT
+        return self.sums / UNIT
 
-    @property
-    def counts(self) -> Counts:
-        """(n,) pictures that voted on each point."""
-        return self._counts
 
-    @property
-    def sure_counts(self) -> Counts:
-        """(n,) those of them that would have shown a wire surely."""
-        return self._sure_counts
+class LineVotes:
+    """The votes of all pictures on some points."""
+
+    def __init__(self, points_enu_m: Array, reach_m: float, sure_m: float) -> None:
+        """For points (n, 3). Of `every` picture those from nearer than reach_m have a vote; sure_counts (n,): from
+        nearer than sure_m. `plain`: those that show the thinnest wire plainly before what is behind it, as far as they
+        do. The many that do not would outvote them."""
+        self.points_enu_m, self._reach_m, self._sure_m = np.ascontiguousarray(points_enu_m), reach_m, sure_m
+        self.every, self.plain = Tally(len(points_enu_m)), Tally(len(points_enu_m))
+        self.sure_counts = np.zeros(len(points_enu_m), np.int32)
+
+    def add(self, lines: Lines, camera: Camera, pose: Pose) -> None:
+        """A picture votes by the lines in it."""
+        levels = np.stack([cv2.dilate(lines.strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
+        plain_m = np.where(lines.plain_dn <= WIRE_DN, WIRE_M * camera.fx_px * WIRE_DN / lines.plain_dn, 0.0)
+        _vote(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
+              camera.matrix, levels, plain_m.astype(np.float32), self._reach_m, self._sure_m, self.every.sums,
+              self.every.counts, self.plain.sums, self.plain.counts, self.sure_counts)
 
 
 @compiled
-def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, reach: float,
-          sure: float, sums: Counts, counts: Counts, sure_counts: Counts) -> None:
-    """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far."""
+def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain: Image,
+          reach: float, sure: float, sums: Counts, counts: Counts, plain_sums: Counts, plain_counts: Counts,
+          sure_counts: Counts) -> None:
+    """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far; plain
+    (h, w): how far away a wire shows plainly."""
     _, h, w = levels.shape
     for i in range(len(points)):
         x, y, z = points[i, 0] - at[0], points[i, 1] - at[1], points[i, 2] - at[2]
-        distance = np.sqrt(x * x + y * y + z * z)
         depth = camera_from_enu[2, 0] * x + camera_from_enu[2, 1] * y + camera_from_enu[2, 2] * z
-        if distance > reach or depth < 1.0:
+        if depth < 1.0:
             continue
         right = camera_from_enu[0, 0] * x + camera_from_enu[0, 1] * y + camera_from_enu[0, 2] * z
         down = camera_from_enu[1, 0] * x + camera_from_enu[1, 1] * y + camera_from_enu[1, 2] * z
         column = int(np.floor(0.5 * (matrix[0, 0] * right / depth + matrix[0, 2])))
         row = int(np.floor(0.5 * (matrix[1, 1] * down / depth + matrix[1, 2])))
-        if 2 <= column < w - 2 and 2 <= row < h - 2:
+        if not (2 <= column < w - 2 and 2 <= row < h - 2):
+            continue
+        distance = np.sqrt(x * x + y * y + z * z)
+        vote = levels[0 if distance < NEAR_M else 1, row, column] - int(UNLIKELY * UNIT)
+        if distance <= reach:
             counts[i] += 1
+            sums[i] += vote
             sure_counts[i] += distance <= sure
-            sums[i] += levels[0 if distance < NEAR_M else 1, row, column] - int(UNLIKELY * UNIT)
+        if distance <= plain[row, column]:
+            plain_counts[i] += 1
+            plain_sums[i] += vote
