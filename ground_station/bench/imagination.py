@@ -1,6 +1,6 @@
 """`swarmscan bench imagination`: imagined occupancy of partial maps against what is truly there, on walks that
-`swarmscan scenes walks` has written, beside fixed chances, which volumetric gains are reckoned with (Delmerico et al.,
-Autonomous Robots 2018).
+`swarmscan scenes walks` has written, beside what it becomes by learning from the maps of each walk as they come, and
+beside fixed chances, which volumetric gains are reckoned with (Delmerico et al., Autonomous Robots 2018).
 
 Judged are the unknown voxels of the object's box; "rim" are those of them within 1.5 m of known ones, which rays meet
 first.
@@ -26,12 +26,13 @@ from missions.console import print_result
 from missions.grid import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from missions.scene_names import parse_family
 from missions.training_walks import walk_files
+from perception.imagination.adapt import AdaptiveImagination
 from perception.imagination.imagine import Imagination
 from perception.imagination.partial_maps import PartialMaps, load_maps
 from perception.imagination.samples import rim
 from perception.imagination.scores import Scores
 
-PREDICTORS = ("imagination", "fixed chances")
+PREDICTORS = ("imagination", "learning in flight", "fixed chances")
 REGIONS = ("box", "rim")
 INSIDE_PER_M, OUTSIDE_PER_M, BESIDE_SURFACE = 0.12, 0.03, 0.5
 """Fixed chances: per metre that unknown space in the object's box, or outside of it, stops a ray, and that a voxel of
@@ -80,18 +81,19 @@ def main(argv: Sequence[str]) -> int:
 
 
 def judge(folder: Path, imagination: Imagination, quiet: bool = False) -> Result:
-    """Scores by family of scenes, by key poses taken and over all, of both predictors."""
+    """Scores by family of scenes, by key poses taken and over all, of every predictor."""
     scores: dict[Key, Scores] = {}
     times: list[tuple[int, float, tuple[int, ...]]] = []
     for path in track(walk_files(folder), "imagining", console=Console(stderr=True), disable=quiet):
         maps = load_maps(path)
-        family, box = parse_family(maps.scene), maps.box
+        family, box, learning = parse_family(maps.scene), maps.box, AdaptiveImagination(imagination)
         for grid, key_poses in zip(maps.grids, maps.key_poses, strict=True):
             start = time.perf_counter()
             imagined = imagination.occupancy(grid, box.lower_enu_m, box.upper_enu_m, box.ground_up_m)
             times.append((grid.state.size, time.perf_counter() - start, grid.state.shape))
             groups = ("all", f"after {key_poses}", family.family if family else maps.scene)
-            for predictor, chance in zip(PREDICTORS, (imagined, fixed_chances(grid, maps)), strict=True):
+            learnt = learning.occupancy(grid, box.lower_enu_m, box.upper_enu_m, box.ground_up_m)
+            for predictor, chance in zip(PREDICTORS, (imagined, learnt, fixed_chances(grid, maps)), strict=True):
                 for region, where in zip(REGIONS, _judged(grid, maps), strict=True):
                     for group in groups:
                         kept = scores.setdefault((group, region, predictor), Scores())

@@ -16,7 +16,7 @@ from perception.imagination.surroundings import Floats
 UNSEEN, SOLID, BESIDE, OPEN = range(4)
 """What an opposite is: not known, occupied, free beside something occupied, free elsewhere."""
 KINDS = 4
-MIRRORED = (np.array([True, False, False]), np.array([False, True, False]), np.array([True, True, False]))
+ACROSS = ((0,), (1,), (0, 1))
 """Axes along which each symmetry mirrors, about the middle of the object's box."""
 APART_M = 3.0
 """Opposites nearer to each other are alike because they are neighbours."""
@@ -31,12 +31,13 @@ def evidence(grid: VoxelGrid, index: NDArray[np.int64], object_min_enu_m: Array,
     that tells most counts."""
     kind = _kinds(grid.state)
     middle = (object_min_enu_m + object_max_enu_m - 2.0 * grid.origin_enu_m) / (2.0 * grid.voxel_m)
-    known = _known_inside(grid, kind, object_min_enu_m, object_max_enu_m)
+    first = np.maximum(grid.index(object_min_enu_m), 0)
+    box = tuple(slice(int(a), int(b) + 1) for a, b in zip(first, grid.index(object_max_enu_m), strict=True))
     result, most = np.zeros(index.shape[1], dtype=np.float32), np.zeros(index.shape[1])
-    for mirrored in MIRRORED:
-        pairs = _opposites(kind, known, middle, mirrored, grid.voxel_m)
-        odds, tells = _log_odds(pairs, kind[tuple(known)] == SOLID)
-        opposite = _opposites(kind, index, middle, mirrored, grid.voxel_m)
+    for axes in ACROSS:
+        mirrored = _opposites(kind, middle, axes, APART_M / grid.voxel_m)
+        odds, tells = _log_odds(mirrored[box], kind[box])
+        opposite = mirrored[tuple(index)]
         better = (opposite != UNSEEN) & (tells > most)
         result[better], most[better] = odds[opposite[better]], tells
     return result * np.float32(SHARE)
@@ -48,29 +49,25 @@ def _kinds(state: NDArray[np.uint8]) -> NDArray[np.uint8]:
                      UNSEEN).astype(np.uint8)
 
 
-def _known_inside(grid: VoxelGrid, kind: NDArray[np.uint8], low: Array, high: Array) -> NDArray[np.int64]:
-    """(3, m) known voxels of the object's box."""
-    first = np.maximum(grid.index(low), 0)
-    box = tuple(slice(int(a), int(b) + 1) for a, b in zip(first, grid.index(high), strict=True))
-    return np.stack(np.nonzero(kind[box] != UNSEEN)) + first[:, None]
+def _opposites(kind: NDArray[np.uint8], middle: Array, axes: tuple[int, ...], apart: float) -> NDArray[np.uint8]:
+    """(i, j, k) what the opposite of each voxel is; UNSEEN too beyond the grid and nearer than apart, in voxels."""
+    result, away = kind, np.zeros((1, 1, 1))
+    for axis in axes:
+        at = np.arange(kind.shape[axis]) + 0.5
+        opposite = 2.0 * middle[axis] - at
+        inside = (opposite >= 0.0) & (opposite < len(at))
+        along = [-1 if a == axis else 1 for a in range(3)]
+        result = np.where(inside.reshape(along), np.take(result, opposite.clip(0, len(at) - 1).astype(np.int64), axis),
+                          np.uint8(UNSEEN))
+        away = np.hypot(away, (opposite - at).reshape(along))
+    return np.where(away < apart, np.uint8(UNSEEN), result)
 
 
-def _opposites(kind: NDArray[np.uint8], index: NDArray[np.int64], middle: Array, mirrored: NDArray[np.bool_],
-               voxel_m: float) -> NDArray[np.uint8]:
-    """(n,) what the opposites of voxels (3, n) are; UNSEEN too beyond the grid and near the plane between them."""
-    across = np.where(mirrored[:, None], 2.0 * middle[:, None] - (index + 0.5), index + 0.5)
-    opposite = np.floor(across).astype(np.int64)
-    away_m = np.linalg.norm(across - (index + 0.5), axis=0) * voxel_m
-    use = ((opposite >= 0) & (opposite < np.array(kind.shape)[:, None])).all(axis=0) & (away_m >= APART_M)
-    result = np.full(index.shape[1], UNSEEN, dtype=np.uint8)
-    result[use] = kind[tuple(opposite[:, use])]
-    return result
-
-
-def _log_odds(opposite: NDArray[np.uint8], solid: NDArray[np.bool_]) -> tuple[Floats, float]:
-    """(KINDS,) log odds for solid by what the opposite is, and the information in that, from pairs (m,)."""
-    seen = opposite != UNSEEN
-    counts = np.stack([np.bincount(opposite[seen & (solid == s)], minlength=KINDS) for s in (False, True)])
+def _log_odds(opposite: NDArray[np.uint8], kind: NDArray[np.uint8]) -> tuple[Floats, float]:
+    """(KINDS,) log odds for solid by what the opposite is, and the information in that, from voxels (i, j, k)."""
+    pairs = np.bincount((KINDS * kind + opposite).ravel(), minlength=KINDS * KINDS).reshape(KINDS, KINDS)
+    pairs[:, UNSEEN] = 0
+    counts = np.stack([pairs[BESIDE] + pairs[OPEN], pairs[SOLID]])
     share = (counts.sum(axis=0) + 1.0) / (counts.sum() + KINDS)
     chance = (counts + PRIOR * share) / (counts.sum(axis=1, keepdims=True) + PRIOR)
     odds: Floats = np.log(chance[1] / chance[0]).astype(np.float32)
