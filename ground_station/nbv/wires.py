@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
-from perception.mapping.line_votes import Lines, LineVotes, Tally
+from perception.mapping.line_votes import WIRE_M, Lines, LineVotes, Tally
 
-THINNEST_M = 0.03
 LEAST_PX, SURE_PX = 0.25, 0.4
-"""Pictures vote on places where a wire of THINNEST_M is at least so wide. Where it is narrower than SURE_PX they may
+"""Pictures vote on places where a wire of WIRE_M is at least so wide. Where it is narrower than SURE_PX they may
 fail to show it, all of those of one step at once."""
 SPACING_M = 0.25
 STRUNG, STRUNG_SOON = 15.0, 3.5
@@ -35,7 +34,7 @@ class Wires:
         low, high = (np.array(corner) for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
         self._legs = [_swept(self._lattice, axis, low - brief.fleet.radius_m, high + brief.fleet.radius_m)
                       for axis in range(3)]
-        reach_m, sure_m = (min(THINNEST_M * brief.camera.fx_px / px, brief.sensing_range_m)
+        reach_m, sure_m = (min(WIRE_M * brief.camera.fx_px / px, brief.sensing_range_m)
                            for px in (LEAST_PX, SURE_PX))
         self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m, sure_m)
         self._workers, self._new = ThreadPoolExecutor(get_num_threads()), list[Frame]()
