@@ -134,10 +134,7 @@ class Explored:
         """(p, 6) lattice steps along which all that the vehicle's body sweeps of the object's box was seen to be free,
         and from so near that wires would have shown; or that were flown. Unknown space elsewhere is taken for free: the
         object is not there."""
-        unknown = np.zeros(self.grid.state.shape, dtype=np.bool_)
-        box = self.inside_object_box()
-        unknown[box] = self.grid.state[box] == UNKNOWN
-        holds = box_counter(unknown)
+        holds = box_counter(self._unknown())
 
         def is_free(along: Array) -> NDArray[np.bool_]:
             ends = along[[0, -1]]
@@ -153,12 +150,14 @@ class Explored:
         first = np.maximum(self.grid.index(ends.min(axis=0) - self.radius), 0)
         swept = tuple(slice(int(low), int(high) + 1)
                       for low, high in zip(first, self.grid.index(ends.max(axis=0) + self.radius), strict=True))
-        unknown = np.zeros(self.grid.state[swept].shape, dtype=np.bool_)
-        box = tuple(slice(max(inner.start - at, 0), max(inner.stop - at, 0))
-                    for inner, at in zip(self.inside_object_box(), first, strict=True))
-        unknown[box] = self.grid.state[swept][box] == UNKNOWN
-        return np.concatenate([self.grid.centers(np.argwhere(unknown) + first),
+        return np.concatenate([self.grid.centers(np.argwhere(self._unknown()[swept]) + first),
                                self.scale * self._wires.not_looked_at(a, b)])
+
+    def _unknown(self) -> NDArray[np.bool_]:
+        """(i, j, k) voxels of the object's box of which nothing is known."""
+        unknown, box = np.zeros(self.grid.state.shape, dtype=np.bool_), self.inside_object_box()
+        unknown[box] = self.grid.state[box] == UNKNOWN
+        return unknown
 
     def _edges(self, is_open: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.bool_]:
         """(p, 6) lattice steps that are open; is_open: which of e legs are, from points (s, e, 3) along them."""
