@@ -112,7 +112,7 @@ def _plan_ahead(grid: VoxelGrid) -> None:
     surface_tally(imagined, (slice(None),) * 3, lattice.positions_enu_m, 9.0)
     seen = sights(imagined, lattice.positions_enu_m, orientations, 9.0)
     left, passable, spec = seen.left_after(0, 0, seen.nothing_shown), np.ones(lattice.steps.shape), HorizonSpec(depth=2)
-    promised = promises(seen, left, lattice.steps, passable, spec)
+    promised = promises(seen.gains_after(left), lattice.steps, passable, spec)
     best_way(seen, left, lattice.steps, passable, 0, lattice.steps[0][lattice.steps[0] >= 0].tolist(), promised, spec)
 
 

@@ -157,14 +157,14 @@ def _worth(s: Sights, way: tuple[int, int], spec: HorizonSpec, steps: np.ndarray
         view = divmod(pose, LATTICE.orientations)
         total += spec.discount**k * float(s.gains_after(left)[view])
         left = s.left_after(*view, left)
-    return total + spec.discount ** len(way) * float(promises(s, left, steps, passable, spec)[way[-1]])
+    return total + spec.discount ** len(way) * float(promises(s.gains_after(left), steps, passable, spec)[way[-1]])
 
 
 def test_a_vehicle_with_nothing_to_see_heads_for_what_is_far() -> None:
     s = seen(imagined())
     steps, pose = LATTICE.steps, LATTICE.flat((0, 0, 0, 0, 2))
     passable, spec = np.ones(steps.shape), HorizonSpec(depth=1, width=30)
-    promised = promises(s, s.nothing_shown, steps, passable, spec)
+    promised = promises(s.gains_m2, steps, passable, spec)
     flown = [pose]
     while s.gains_m2.ravel()[flown[-1]] == 0.0 and len(flown) < 5:
         first = steps[flown[-1]][steps[flown[-1]] >= 0].tolist()
@@ -181,7 +181,7 @@ def test_no_way_leads_where_a_step_is_blocked() -> None:
     blocked = {LATTICE.flat((1, y, 0, 0, a)) for y, a in itertools.product(range(3), range(4))}
     passable[np.isin(steps, list(blocked))] = 0.0
     spec = HorizonSpec(depth=4, width=8)
-    promised = promises(s, s.nothing_shown, steps, passable, spec)
+    promised = promises(s.gains_m2, steps, passable, spec)
     first = [int(f) for f in steps[start] if f >= 0 and int(f) not in blocked]
     way = best_way(s, s.nothing_shown, steps, passable, start, first, promised, spec)
     assert way is not None

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ground_station.nbv.look_out import LookOut, leg_ends, shut_in
+from ground_station.nbv.look_out import LookOut, leg_ends
 from missions.camera import Camera
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
 from planning.nbv.lattice import in_view
 
 LATTICE = PoseLattice((0.0, 0.0, 0.0), (8.0, 8.0, 8.0), (3, 3, 3), (-30.0, 0.0, 30.0), 8)
 CAMERA = Camera.from_diagonal_fov(96, 64, 84.0)
-EAST, WEST = AXIS_STEPS.index((1, 0, 0)), AXIS_STEPS.index((-1, 0, 0))
+EAST, WEST, NORTH = (AXIS_STEPS.index(step) for step in ((1, 0, 0), (-1, 0, 0), (0, 1, 0)))
+EVERYWHERE = np.ones(27)
 
 
 def place(*cell: int) -> int:
     return LATTICE.flat((*cell, 0, 0)) // LATTICE.orientations  # type: ignore[arg-type]
+
+
+BEHIND, HERE = place(0, 1, 1), place(1, 1, 1)
 
 
 def legs(*known: tuple[int, int]) -> np.ndarray:
@@ -31,23 +35,14 @@ def test_ends_are_where_steps_lead() -> None:
     assert ends[place(2, 1, 1), EAST] == -1
 
 
-def test_shut_in_is_who_reaches_nothing_new() -> None:
-    a, b, c = place(0, 1, 1), place(1, 1, 1), place(2, 1, 1)
-    to_and_fro = legs((a, EAST), (b, WEST))
-    assert shut_in(LATTICE, to_and_fro, a, {a, b})
-    assert not shut_in(LATTICE, to_and_fro, a, {a})
-    assert not shut_in(LATTICE, to_and_fro | legs((b, EAST)), a, {a, b})
-    assert shut_in(LATTICE, to_and_fro | legs((b, EAST)), a, {a, b, c})
-
-
-def look_out(start: tuple[int, ...], unseen: np.ndarray, times: int) -> list[int | None]:
-    """Steps of a vehicle that was at two places, which the leg east of the second may lead on from."""
-    behind, here = place(0, 1, 1), place(1, 1, 1)
+def look_out(start: tuple[int, ...], unseen: dict[tuple[int, int], np.ndarray], times: int,
+             behind: np.ndarray = EVERYWHERE) -> list[int | None]:
+    """Steps of a vehicle that reaches two places, where what is unseen of legs from the second may lead on."""
     out, at = LookOut(LATTICE, CAMERA), LATTICE.flat(start)  # type: ignore[arg-type]
     steps: list[int | None] = []
     for _ in range(times):
-        step = out.first_step(at, legs((behind, EAST), (here, WEST)), legs((here, EAST)), {behind, here},
-                              lambda a, b: unseen if (a, b) == (here, place(2, 1, 1)) else np.zeros((0, 3)))
+        step = out.first_step(at, legs((BEHIND, EAST), (HERE, WEST)), legs(*unseen), behind,
+                              lambda a, b: unseen[a, int(np.flatnonzero(leg_ends(LATTICE)[a] == b)[0])])
         steps.append(step)
         at = at if step is None else step
     return steps
@@ -59,22 +54,38 @@ def sees(pose: int, points: np.ndarray) -> float:
     return float(in_view(points - LATTICE.positions_enu_m[at], yaw, elevation, CAMERA).mean())
 
 
+ALONG_EAST = np.linspace(5.0, 6.5, 9)[:, None] * [1.0, 0.0, 0.0] + [0.0, 4.0, 4.0]
+ALONG_NORTH = np.linspace(5.0, 6.5, 9)[:, None] * [0.0, 1.0, 0.0] + [4.0, 0.0, 4.0]
+
+
 def test_it_turns_until_it_sees_what_must_be_seen_of_the_leg_onward() -> None:
-    along = np.linspace(5.0, 6.5, 9)[:, None] * [1.0, 0.0, 0.0] + [0.0, 4.0, 4.0]
-    steps = look_out((0, 1, 1, 1, 4), along, 4)
+    steps = look_out((0, 1, 1, 1, 4), {(HERE, EAST): ALONG_EAST}, 4)
     at = LATTICE.flat((0, 1, 1, 1, 4))
     for step in steps:
         assert step in LATTICE.steps[at]
         at = step  # type: ignore[assignment]
-    assert max(sees(step, along) for step in steps if step is not None) == 1.0
+    assert max(sees(step, ALONG_EAST) for step in steps if step is not None) == 1.0
+
+
+def test_it_looks_first_along_the_leg_with_more_behind_it() -> None:
+    unseen = {(HERE, EAST): ALONG_EAST, (HERE, NORTH): ALONG_NORTH}
+    for most, along in ((place(2, 1, 1), ALONG_EAST), (place(1, 2, 1), ALONG_NORTH)):
+        behind = 0.3 * EVERYWHERE
+        behind[most] = 1.0
+        [step] = look_out((0, 1, 1, 1, 1), unseen, 1, behind)
+        assert step is not None
+        assert sees(step, along) == 1.0
+
+
+def test_where_a_sure_way_leads_nothing_is_looked_for() -> None:
+    assert look_out((0, 1, 1, 1, 4), {(BEHIND, EAST): ALONG_EAST}, 1) == [None]
 
 
 def test_it_does_not_look_for_ever_at_what_no_picture_shows() -> None:
-    along = np.linspace(5.0, 6.5, 9)[:, None] * [1.0, 0.0, 0.0] + [0.0, 4.0, 4.0]
-    steps = look_out((0, 1, 1, 1, 0), along, 12)
+    steps = look_out((0, 1, 1, 1, 0), {(HERE, EAST): ALONG_EAST}, 12)
     assert steps[0] is not None
     assert steps[-1] is None
 
 
 def test_without_anything_to_look_at_there_is_nowhere_to_turn() -> None:
-    assert look_out((0, 1, 1, 1, 4), np.zeros((0, 3)), 1) == [None]
+    assert look_out((0, 1, 1, 1, 4), {(HERE, EAST): np.zeros((0, 3))}, 1) == [None]

@@ -157,3 +157,15 @@ def test_where_a_vehicle_stood_no_picture_needs_to_be_looked_at() -> None:
     for height in np.arange(0.0, 11.0, 0.5):
         wires.was_at(np.array([*lattice.positions_enu_m[up[0]][:2], height]), 1.0)
     assert wires.looked_at_edges()[up]
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.03, 0.1, 0.2])
+def test_looking_along_a_leg_from_its_start_leaves_no_place_that_nobody_looked_at(aside_m: float) -> None:
+    wires, lattice = Wires(brief()), brief().lattice
+    through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
+    at = lattice.positions_enu_m[through[0]] + [aside_m, 0.0, 0.0]
+    wires.was_at(at, brief().fleet.clearance_m)
+    for k in range(2):
+        wires.see(Frame(vehicle=1, pose=Pose((at[0], at[1], at[2]), 0.0, 0.0), index=None, rgb=grass(k)))
+    wires.update()
+    assert wires.looked_at_edges()[through]

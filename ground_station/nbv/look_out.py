@@ -1,8 +1,8 @@
-"""Where to look for a vehicle that is shut in: between places where it was, with no known way to any other."""
+"""Where to look for a vehicle that is shut in: what it surely reaches is worth little beside what it may reach."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,21 +35,23 @@ class LookOut:
         self._ends = leg_ends(lattice)
         self._looks = np.zeros(self._ends.shape, dtype=np.int64)
 
-    def first_step(self, here: int, sure: NDArray[np.bool_], maybe: NDArray[np.bool_], been: Collection[int],
+    def first_step(self, here: int, sure: NDArray[np.bool_], maybe: NDArray[np.bool_], behind: Array,
                    not_known_free: Callable[[int, int], Array]) -> int | None:
         """The pose to go to from a pose; None where no view shows enough.
 
-        sure, maybe (p, 6): legs that are open, and that may be. been: positions. not_known_free: (n, 3) what must be
-        seen of the leg between two positions.
+        sure, maybe (p, 6): legs that are open, and that may be. behind: (p,) what may be had from each position.
+        not_known_free: (n, 3) what must be seen of the leg between two positions.
         """
         steps = self._lattice.steps_along(sure)
         distance = fewest_steps(steps, here)
         poses = np.flatnonzero((distance > 0) & (distance <= STEPS_AHEAD))
-        legs = self._onward(np.unique(poses // self._lattice.orientations), maybe, been)
+        reached: NDArray[np.bool_] = np.asarray((distance >= 0).reshape(len(sure), -1).any(axis=1))
+        legs = self._onward(np.unique(poses // self._lattice.orientations), maybe, reached)
         if not legs or not len(poses):
             return None
-        shown = self._shown(poses, legs, [not_known_free(a, int(self._ends[a, k])) for a, k in legs])
-        worth = shown * PER_STEP ** (distance[poses] - 1.0)[:, None]
+        ends = [int(self._ends[a, k]) for a, k in legs]
+        shown = self._shown(poses, legs, [not_known_free(a, b) for (a, _), b in zip(legs, ends, strict=True)])
+        worth = shown * PER_STEP ** (distance[poses] - 1.0)[:, None] * behind[ends] / max(behind[ends].max(), 1e-9)
         best, leg = (int(n) for n in np.unravel_index(int(worth.argmax()), worth.shape))
         if worth[best, leg] < LEAST:
             return None
@@ -57,10 +59,10 @@ class LookOut:
             self._looks[legs[leg]] += 1
         return way_back(steps, distance, int(poses[best]))[0]
 
-    def _onward(self, places: Indices, maybe: NDArray[np.bool_], been: Collection[int]) -> list[Leg]:
-        """Legs that may be open and lead from places to where no vehicle was."""
+    def _onward(self, places: Indices, maybe: NDArray[np.bool_], reached: NDArray[np.bool_]) -> list[Leg]:
+        """Legs that may be open and lead from places to where no sure way leads."""
         ends = self._ends[places]
-        start, step = np.nonzero(maybe[places] & (ends != UNREACHED) & ~np.isin(ends, sorted(been)))
+        start, step = np.nonzero(maybe[places] & (ends != UNREACHED) & ~reached[ends])
         return [(int(places[a]), int(k)) for a, k in zip(start, step, strict=True)]
 
     def _shown(self, poses: Indices, legs: list[Leg], unseen: list[Array]) -> Array:
@@ -76,20 +78,6 @@ class LookOut:
                 at = places == place
                 result[at, n] = share[orientation[at]] * IN_VAIN ** self._looks[start, step]
         return result
-
-
-def shut_in(lattice: PoseLattice, sure: NDArray[np.bool_], here: int, been: Collection[int]) -> bool:
-    """Whether legs that are sure to be open (p, 6) lead from a position to none but those where a vehicle was."""
-    ends, known, front = leg_ends(lattice), set(been), [here]
-    found = {here}
-    while front:
-        at = front.pop()
-        onward = [int(n) for n in ends[at][sure[at] & (ends[at] >= 0)] if int(n) not in found]
-        if any(n not in known for n in onward):
-            return False
-        found.update(onward)
-        front += onward
-    return True
 
 
 def leg_ends(lattice: PoseLattice) -> NDArray[np.int64]:

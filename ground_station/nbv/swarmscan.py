@@ -9,6 +9,7 @@ vehicles each plans on what the plans of the others leave to see.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import msgspec
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from ground_station.nbv.explored import RANGE, VOXEL, Explored
 from ground_station.nbv.hopes import Hopes
-from ground_station.nbv.look_out import LookOut, shut_in
+from ground_station.nbv.look_out import LookOut
 from ground_station.nbv.options import options_of
 from missions.frames import Array
 from missions.nbv_trial import Choice, Frame, TrialBrief
@@ -31,6 +32,8 @@ from planning.nbv.stopping import Price, Returns, pays
 
 BLOCKED = 1e-3
 SHOWN_RAYS_ACROSS = 120
+SHUT_IN = 0.5
+"""A vehicle is shut in when the best that it surely reaches is worth less than this share of the best that it may."""
 
 
 class SwarmscanOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -119,31 +122,44 @@ class Swarmscan:
 
     def _plan(self, vehicle: int, candidates: list[Index5], now: _Reckoned) -> Way | None:
         """The best way over what the other vehicles' plans leave to see; None where no step is known to be clear."""
-        seen, here = now.sights, self._at[vehicle]
+        seen, here, lattice = now.sights, self._at[vehicle], self._lattice
+        left = self._left_by_others(vehicle, seen)
+        likely = self._hopes.likely(now.open_edges, now.known_free_edges)
+        gains = seen.gains_after(left)
+
+        def promised(chance: Array) -> Array:
+            return promises(gains, lattice.steps, lattice.per_step(chance), self._spec)
+
+        way = best_way(seen, left, lattice.steps, np.maximum(lattice.per_step(likely), BLOCKED), here,
+                       self._first_steps(vehicle, candidates, likely, promised), promised(likely), self._spec)
+        if way is not None:
+            self._hopes.count_on(here, way.poses, likely)
+        return way
+
+    def _left_by_others(self, vehicle: int, seen: Sights) -> NDArray[np.float32]:
+        """(cells,) what the plans of the other vehicles leave to see."""
         left = seen.nothing_shown
         for other, poses in self._plans.items():
             if other != vehicle:
                 for pose in poses:
                     left = seen.left_after(*divmod(pose, self._lattice.orientations), left)
-        likely = self._hopes.likely(now.open_edges, now.known_free_edges)
-        passable, steps = self._lattice.per_step(likely), self._lattice.steps
-        promised = promises(seen, left, steps, passable, self._spec)
-        way = best_way(seen, left, steps, np.maximum(passable, BLOCKED), here,
-                       self._first_steps(vehicle, candidates, likely), promised, self._spec)
-        if way is not None:
-            self._hopes.count_on(here, way.poses, likely)
-        return way
+        return left
 
-    def _first_steps(self, vehicle: int, candidates: list[Index5], likely: Array) -> list[int]:
-        """Candidates that are known to be clear: the new ones where there are any, and of these, for a vehicle that is
-        shut in, those that look for a way out. Back along the leg that it came by a vehicle can always go."""
-        lattice, here = self._explored.lattice, self._at[vehicle]
+    def _first_steps(self, vehicle: int, candidates: list[Index5], likely: Array,
+                     promised: Callable[[Array], Array]) -> list[int]:
+        """Candidates that are known to be clear: the new ones where there are any; for a vehicle that is shut in the
+        one that looks for a way out. Back along the leg that it came by a vehicle can always go.
+
+        promised: (n,) the best that can be had from each pose when legs are open with chances (p, 6).
+        """
+        lattice, here = self._lattice, self._at[vehicle]
         open_ = lattice.steps[here][lattice.per_step(likely)[here] == 1.0]
         clear = [n for n in map(lattice.flat, candidates) if n in open_]
         new = [n for n in clear if n not in self._visited] or clear
-        been = {pose // lattice.orientations for pose in self._visited}
-        if not shut_in(lattice, likely == 1.0, here // lattice.orientations, been):
+        sure, open_or_unknown = likely == 1.0, likely > 0.0
+        perhaps = promised(open_or_unknown.astype(np.float64))
+        if promised(sure.astype(np.float64))[here] >= SHUT_IN * perhaps[here]:
             return new
-        first = self._look_out.first_step(here, likely == 1.0, (likely > 0.0) & (likely < 1.0), been,
-                                          self._explored.not_known_free)
-        return [first] if first in clear else new
+        behind = perhaps.reshape(len(likely), -1).max(axis=1)
+        look = self._look_out.first_step(here, sure, open_or_unknown & ~sure, behind, self._explored.not_known_free)
+        return [look] if look in clear else new

@@ -21,9 +21,9 @@ SPACING_M = 0.25
 STRUNG, STRUNG_SOON = 15.0, 3.5
 """A leg with so many standard deviations for a wire at any place that the body sweeps is not flown; or, while few
 pictures have voted, with so many times the root of their number: by chance their votes hardly add up to that."""
-LEAST_PICTURES = 2
+LEAST_PICTURES, FAR_PICTURE = 2, 0.25
 """A place counts as looked at when so many have voted on it that would surely have shown a wire, as many as the map
-needs to call it free."""
+needs to call it free; and what one from farther away counts beside them: the few of one step fail together."""
 
 
 class Wires:
@@ -77,7 +77,8 @@ class Wires:
 
     @property
     def _looked_at(self) -> NDArray[np.bool_]:
-        result: NDArray[np.bool_] = self._stood | (self._votes.sure_counts >= LEAST_PICTURES)
+        near, every = self._votes.sure_counts, self._votes.every.counts
+        result: NDArray[np.bool_] = self._stood | (near + FAR_PICTURE * (every - near) >= LEAST_PICTURES)
         return result
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:

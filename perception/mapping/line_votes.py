@@ -40,6 +40,9 @@ UNIT = 32
 """Votes are whole numbers: this many to a standard deviation."""
 NEAR_M = 9.0
 """Nearer points are farther apart in the picture, so their places are searched more widely."""
+NEAREST_M = 0.5
+"""Only what lies less deep has no vote: well within the clearance, so that a vehicle which looks along a leg from its
+start leaves no place on it that nobody looked at."""
 
 Strengths = NDArray[np.uint8]
 Counts = NDArray[np.int32]
@@ -159,7 +162,7 @@ def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
     for i in range(len(points)):
         x, y, z = points[i, 0] - at[0], points[i, 1] - at[1], points[i, 2] - at[2]
         depth = camera_from_enu[2, 0] * x + camera_from_enu[2, 1] * y + camera_from_enu[2, 2] * z
-        if depth < 1.0:
+        if depth < NEAREST_M:
             continue
         right = camera_from_enu[0, 0] * x + camera_from_enu[0, 1] * y + camera_from_enu[0, 2] * z
         down = camera_from_enu[1, 0] * x + camera_from_enu[1, 1] * y + camera_from_enu[1, 2] * z

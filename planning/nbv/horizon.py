@@ -44,15 +44,14 @@ class Way:
     """Discounted sum, with the promise of where the way ends."""
 
 
-def promises(sights: Sights, left: NDArray[np.float32], steps: Indices, passable: Array, spec: HorizonSpec) -> Array:
+def promises(gains_m2: Array, steps: Indices, passable: Array, spec: HorizonSpec) -> Array:
     """(n,) for every pose the best view that can be reached from it: max over ways of what the last view shows alone,
-    times a discount and the passability for each step.
+    gains_m2 (p, o), times a discount and the passability for each step.
 
     steps (n, 30): flat number of each pose's neighbours, negative where there is none. passable (n, 30): 0 where a step
     is known to be blocked, 1 where it is known to be free, between them where that is not known.
     """
-    gains = sights.gains_after(left).ravel()
-    result: Array = promise(gains, steps, passable, spec.discount)
+    result: Array = promise(gains_m2.ravel(), steps, passable, spec.discount)
     return result
 
 
