@@ -169,3 +169,15 @@ def test_looking_along_a_leg_from_its_start_leaves_no_place_that_nobody_looked_a
         wires.see(Frame(vehicle=1, pose=Pose((at[0], at[1], at[2]), 0.0, 0.0), index=None, rgb=grass(k)))
     wires.update()
     assert wires.looked_at_edges()[through]
+
+
+def test_from_afar_it_takes_the_pictures_of_two_steps_to_have_looked_at_a_place() -> None:
+    wires, lattice = Wires(brief()), brief().lattice
+    up = lattice.flat((2, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
+    x, y, _ = lattice.positions_enu_m[up[0]]
+    looked = []
+    for k in range(9):
+        wires.see(Frame(vehicle=1, pose=Pose((x - 23.0, y, 5.5), 0.0, 0.0), index=None, rgb=grass(k)))
+        wires.update()
+        looked.append(bool(wires.looked_at_edges()[up]))
+    assert looked == 7 * [False] + 2 * [True]
