@@ -15,7 +15,7 @@ from missions.camera import Camera, Pose
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS
-from perception.mapping.line_votes import STRONGEST_LINE, UNIT, Lines, LineVotes
+from perception.mapping.line_votes import STRONGEST_LINE, SURELY, UNIT, Lines, LineVotes
 
 CAMERA = Camera.from_diagonal_fov(456, 256, 84.0)
 Picture = NDArray[np.uint8]
@@ -35,6 +35,11 @@ def grass(seed: int) -> Picture:
     noise = np.random.default_rng(seed).normal(0.0, 1.0, (256, 456, 1))
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
     return np.repeat(np.clip(120.0 + 12.0 * smooth[..., None] / smooth.std(), 0, 255), 3, axis=2).astype(np.uint8)
+
+
+def leaves(seed: int) -> Picture:
+    """Before them no thin wire shows plainly."""
+    return np.random.default_rng(seed).integers(60, 140, (256, 456, 3), dtype=np.uint8)
 
 
 def seen(pose: Pose, wire: Array | None, seed: int) -> Picture:
@@ -83,18 +88,24 @@ def test_the_order_of_pictures_does_not_matter_and_far_ones_have_no_vote() -> No
 def test_from_afar_no_picture_shows_surely_that_there_is_no_wire() -> None:
     found = LineVotes(np.array([[10.0, 0.0, 5.0], [22.0, 0.0, 5.0]]), 25.0, 15.0)
     for k, pose in enumerate(POSES):
-        found.add(Lines.of(seen(pose, WIRE, k)), CAMERA, pose)
+        found.add(Lines.of(leaves(k)), CAMERA, pose)
     assert (found.every.counts == len(POSES)).all()
-    assert found.sure_counts.tolist() == [len(POSES), 0]
+    assert found.looks.tolist() == [SURELY * len(POSES), len(POSES)]
+
+
+def test_before_the_sky_pictures_from_afar_show_surely_that_there_is_no_wire() -> None:
+    found, sky = LineVotes(np.array([[22.0, 0.0, 5.0]]), 25.0, 15.0), np.full((256, 456, 3), 200, np.uint8)
+    for pose in POSES:
+        found.add(Lines.of(sky), CAMERA, pose)
+    assert found.looks.tolist() == [SURELY * len(POSES)]
 
 
 def test_pictures_that_would_not_show_a_wire_do_not_outvote_those_that_do() -> None:
     wire = np.array([[10.0, -20.0, 3.0], [10.0, 20.0, 3.0]])
     wires, lattice = Wires(brief()), brief().lattice
     through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
-    sky, rng = np.full((256, 456, 3), 200, np.uint8), np.random.default_rng(1)
-    before_leaves = [Frame(vehicle=1, pose=pose, index=None, rgb=rng.integers(60, 140, sky.shape, dtype=np.uint8))
-                     for pose in POSES]
+    sky = np.full((256, 456, 3), 200, np.uint8)
+    before_leaves = [Frame(vehicle=1, pose=pose, index=None, rgb=leaves(k)) for k, pose in enumerate(POSES)]
     before_sky = [Frame(vehicle=1, pose=pose, index=None, rgb=strung(sky, pose, wire)) for pose in POSES[:3]]
     for frame in 3 * before_leaves:
         wires.see(frame)
@@ -177,7 +188,7 @@ def test_from_afar_it_takes_the_pictures_of_two_steps_to_have_looked_at_a_place(
     x, y, _ = lattice.positions_enu_m[up[0]]
     looked = []
     for k in range(9):
-        wires.see(Frame(vehicle=1, pose=Pose((x - 23.0, y, 5.5), 0.0, 0.0), index=None, rgb=grass(k)))
+        wires.see(Frame(vehicle=1, pose=Pose((x - 23.0, y, 5.5), 0.0, 0.0), index=None, rgb=leaves(k)))
         wires.update()
         looked.append(bool(wires.looked_at_edges()[up]))
     assert looked == 7 * [False] + 2 * [True]

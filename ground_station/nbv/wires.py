@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
-from perception.mapping.line_votes import WIRE_M, Lines, LineVotes, Tally
+from perception.mapping.line_votes import SURELY, WIRE_M, Lines, LineVotes, Tally
 
 LEAST_PX, SURE_PX = 0.25, 0.4
 """Pictures vote on places where a wire of WIRE_M is at least so wide. Where it is narrower than SURE_PX they may
-fail to show it, all of those of one step at once."""
+fail to show it, unless what is behind it makes it plain."""
 SPACING_M = 0.25
 STRUNG, STRUNG_SOON = 15.0, 3.5
 """A leg with so many standard deviations for a wire at any place that the body sweeps is not flown; or, while few
 pictures have voted, with so many times the root of their number: by chance their votes hardly add up to that."""
-LEAST_PICTURES, FAR_PICTURE = 2, 0.25
-"""A place counts as looked at when so many have voted on it that would surely have shown a wire, as many as the map
-needs to call it free; and what one from farther away counts beside them: the few of one step fail together."""
+LEAST_LOOKS = 2 * SURELY
+"""A place counts as looked at after as many: two pictures that would surely have shown a wire, as many as the map needs
+to call it free, or those of two steps that may have failed to."""
 
 
 class Wires:
@@ -77,8 +77,7 @@ class Wires:
 
     @property
     def _looked_at(self) -> NDArray[np.bool_]:
-        near, every = self._votes.sure_counts, self._votes.every.counts
-        result: NDArray[np.bool_] = self._stood | (near + FAR_PICTURE * (every - near) >= LEAST_PICTURES)
+        result: NDArray[np.bool_] = self._stood | (self._votes.looks >= LEAST_LOOKS)
         return result
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:

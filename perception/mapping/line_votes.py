@@ -36,6 +36,9 @@ PLAIN = 5.0
 """A wire shows plainly where its line would be so strong."""
 WIRE_M, WIRE_DN = 0.03, 20.0
 """The thinnest wire that is reckoned with, and how much it differs from grass behind it."""
+SURELY = 4
+"""How often a picture that would surely show a wire counts as a look, beside one that may fail to: as all the pictures
+of one step may do at once."""
 UNIT = 32
 """Votes are whole numbers: this many to a standard deviation."""
 NEAR_M = 9.0
@@ -136,12 +139,12 @@ class LineVotes:
     """The votes of all pictures on some points."""
 
     def __init__(self, points_enu_m: Array, reach_m: float, sure_m: float) -> None:
-        """For points (n, 3). Of `every` picture those from nearer than reach_m have a vote; sure_counts (n,): from
-        nearer than sure_m. `plain`: those that show the thinnest wire plainly before what is behind it, as far as they
-        do. The many that do not would outvote them."""
+        """For points (n, 3). Of `every` picture those from nearer than reach_m have a vote. `plain`: those that show
+        the thinnest wire plainly before what is behind it, as far as they do. The many that do not would outvote them.
+        looks (n,): SURELY for every picture from nearer than sure_m or that shows it plainly, 1 for every other."""
         self.points_enu_m, self._reach_m, self._sure_m = np.ascontiguousarray(points_enu_m), reach_m, sure_m
         self.every, self.plain = Tally(len(points_enu_m)), Tally(len(points_enu_m))
-        self.sure_counts = np.zeros(len(points_enu_m), np.int32)
+        self.looks = np.zeros(len(points_enu_m), np.int32)
 
     def add(self, lines: Lines, camera: Camera, pose: Pose) -> None:
         """A picture votes by the lines in it."""
@@ -149,13 +152,13 @@ class LineVotes:
         plain_m = np.where(lines.plain_dn <= WIRE_DN, WIRE_M * camera.fx_px * WIRE_DN / lines.plain_dn, 0.0)
         _vote(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
               camera.matrix, levels, plain_m.astype(np.float32), self._reach_m, self._sure_m, self.every.sums,
-              self.every.counts, self.plain.sums, self.plain.counts, self.sure_counts)
+              self.every.counts, self.plain.sums, self.plain.counts, self.looks)
 
 
 @compiled
 def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain: Image,
           reach: float, sure: float, sums: Counts, counts: Counts, plain_sums: Counts, plain_counts: Counts,
-          sure_counts: Counts) -> None:
+          looks: Counts) -> None:
     """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far; plain
     (h, w): how far away a wire shows plainly."""
     _, h, w = levels.shape
@@ -175,7 +178,10 @@ def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         if distance <= reach:
             counts[i] += 1
             sums[i] += vote
-            sure_counts[i] += distance <= sure
+        if distance <= max(sure, plain[row, column]):
+            looks[i] += SURELY
+        elif distance <= reach:
+            looks[i] += 1
         if distance <= plain[row, column]:
             plain_counts[i] += 1
             plain_sums[i] += vote
