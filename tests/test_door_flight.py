@@ -11,7 +11,7 @@ import pytest
 from msgspec import structs
 from pymavlink.dialects.v20 import common as mav
 
-from missions.mavlink import Item
+from missions.mavlink import GROUND_COMPONENT, GROUND_SYSTEM, Item
 from tests.door_world import (
     ACCEPTED,
     DENIED,
@@ -230,3 +230,32 @@ def test_a_watcher_may_pause_our_mission_and_let_it_go_on(tmp_path: Path) -> Non
     assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 4.0) == ACCEPTED
     assert world.run(60, lambda: len(world.views()) == 3)
     assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 4.0) == DENIED, "nothing is paused any more"
+
+
+def test_a_hold_between_two_plans_outlasts_the_next_plan(tmp_path: Path) -> None:
+    world = DoorWorld(tmp_path, ground=True)
+    client = world.client(ids=(GROUND_SYSTEM, GROUND_COMPONENT))
+    world.upload(route([(-9, -14, 5)]), 1)
+    assert world.run(60, lambda: len(world.views()) == 1)
+    world.run(5.0)
+    assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0) == ACCEPTED
+    world.upload(route([(9, -14, 5), (0, -13, 7)], plan_id=2, first_view=200), 1)
+    world.run(20.0)
+    assert [v.plan_id for v in world.verdicts if v.accepted] == [1, 2]
+    assert len(world.views()) == 1
+    assert world.vehicles[1].executor.mode == "hold"
+    assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 4.0) == ACCEPTED
+    assert world.run(60, lambda: len(world.views()) == 3)
+
+
+def test_a_hold_on_the_way_up_stops_there_until_a_person_at_our_ground_station_lets_it_go_on(tmp_path: Path) -> None:
+    world = DoorWorld(tmp_path, ground=True)
+    client = world.client()
+    world.upload(route([(-9, -14, 5)]), 1)
+    assert world.run(10, lambda: world.vehicles[1].executor.mode == "takeoff")
+    assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0) == ACCEPTED
+    world.run(20.0)
+    assert world.vehicles[1].executor.mode == "hold"
+    assert not world.views()
+    world.command(1, mav.MAV_CMD_DO_PAUSE_CONTINUE, 1.0)
+    assert world.run(60, lambda: bool(world.views()))

@@ -23,6 +23,7 @@ from tests.vehicle_world import NS, SITE, Box, World, box_distance, open_map, ro
 from vehicle.failsafe_table import Trigger
 from vehicle.geofence import FENCE_TOLERANCE_M, Circle, Geofence
 from vehicle.health import HEALTHY
+from vehicle.lease import OUR_GROUND
 from vehicle.simulator import Kinematics, KinematicSimulator
 from vehicle.vehicle import Vehicle
 
@@ -186,7 +187,7 @@ def test_a_lost_ground_station_lets_it_finish_its_plan(tmp_path: Path) -> None:
 def test_whoever_hovers_on_the_word_of_a_ground_station_that_is_lost_comes_home(tmp_path: Path) -> None:
     world = world_with(tmp_path)
     assert world.run(60, lambda: bool(world.views()))
-    world.vehicles[1].executor.hold(world.t_ns)
+    world.vehicles[1].executor.hold(world.t_ns, OUR_GROUND)
     world.run(5)
     world.ground_alive = False
     assert world.run(60, world.landed)
@@ -196,7 +197,7 @@ def test_whoever_hovers_on_the_word_of_a_ground_station_that_is_lost_comes_home(
 def test_people_who_tell_a_held_vehicle_to_hold_are_heeded_when_the_fault_is_over(tmp_path: Path) -> None:
     world = world_with(tmp_path, ("range_blind", 12.0, 16.0, 0.0))
     world.run(15)
-    world.vehicles[1].executor.hold(world.t_ns)
+    world.vehicles[1].executor.hold(world.t_ns, OUR_GROUND)
     world.run(30)
     assert stood_still(world, 20.0, 45.0)
     world.vehicles[1].executor.start()

@@ -146,7 +146,7 @@ def test_what_was_set_uploaded_and_seen_in_flight_is_not_forgotten(tmp_path: Pat
 @given(st.integers(0, 200), st.binary(max_size=3))
 def test_a_torn_file_is_no_aircraft(tmp_path_factory: pytest.TempPathFactory, cut: int, junk: bytes) -> None:
     path = tmp_path_factory.mktemp("torn") / "aircraft.bin"
-    state = AircraftState(5, (1.0, 2.0, 3.0), 0.1, 0.2, 50.0, None, "mission", False, False, [(0.0, 0.0, 1.0)] * 3)
+    state = AircraftState(5, (1.0, 2.0, 3.0), 0.1, 0.2, 50.0, None, "hold", (255, 230), False, [(0.0, 0.0, 1.0)] * 3)
     file = AircraftFile(path, "hash")
     assert file.found is None
     file.write(state)

@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from missions.messages import Vector
+from vehicle.lease import Sender
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +32,8 @@ class AircraftState(msgspec.Struct, frozen=True, array_like=True, forbid_unknown
     swapped_ns: int | None
     """When the battery that is being put in is there."""
     mode: str
-    paused: bool
-    """Whether people have told it to hold."""
+    paused_by: Sender | None
+    """Who has told it to hold."""
     below_hover: bool
     trail_enu_m: list[Vector]
     """Where it rested and turned since take-off: its way back."""

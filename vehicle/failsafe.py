@@ -123,10 +123,9 @@ class Failsafe:
         if executor.mode == TAKEOFF or (executor.at_work and executor.mode != HOLD):
             self._resumes = executor.mode in (TAKEOFF, MISSION)
             executor.hold(t_ns)
-            executor.paused = False
 
     def _release(self, executor: Executor, goes_on: bool) -> None:
-        if self._resumes and goes_on and executor.mode == HOLD and not executor.paused:
+        if self._resumes and goes_on and executor.mode == HOLD and executor.paused_by is None:
             executor.start()
         self._resumes = False
 

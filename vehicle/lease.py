@@ -3,7 +3,8 @@
 Our own ground station leads while it takes part in the clock. Otherwise whoever first commands something that flies
 leads, until its heartbeat has been missing for a while or it lets go. Who watches may still make things safer (hold,
 return, land), but never take back what is safer already: a return that somebody called for is not held by a watcher.
-Who has paused a plan may let it go on, unless the leader has paused it too.
+Who has paused a plan may let it go on, unless the leader has paused it too; until then the plans that our own ground
+station sends are taken, but not flown: only a person at it who says so lets the vehicle go on.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from vehicle.failsafe_table import Action
 EXPIRES_NS = 10_000_000_000
 Sender = tuple[int, int]
 """System and component id."""
+OUR_GROUND: Sender = (-1, -1)
+"""Our own ground station: anybody at a door may have its ids, but nobody these."""
 SAFER = (Action.HOLD, Action.RETURN, Action.LAND)
 REMEMBERED = 64
 """Senders whose heartbeats are remembered; the one that was silent for longest is forgotten for a new one."""

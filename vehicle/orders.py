@@ -15,6 +15,7 @@ from planning.trajectories.homing import VERTICAL_SPEED_M_S
 from vehicle.battery import Battery
 from vehicle.camera import CameraPayload
 from vehicle.guided import Guided, free_below
+from vehicle.lease import Sender
 from vehicle.modes import (
     ALOFT,
     DESCEND,
@@ -51,8 +52,8 @@ class Orders:
         self.armed = False
         self.grounded_by = ""
         """What keeps the vehicle from taking off; "" when nothing does."""
-        self.paused = False
-        """Whether people have told it to hold: nothing but people lets it go on."""
+        self.paused_by: Sender | None = None
+        """Who has told it to hold: nothing but people lets it go on."""
         self.still = False
         """Whether it may not even make way, because it does not know where it is."""
         self.guided = Guided(pilot)
@@ -102,10 +103,10 @@ class Orders:
         self.spec = structs.replace(self.spec, threshold_percent=settings.battery_low_percent,
                                     reserve_percent=settings.battery_reserve_percent)
 
-    def found(self, mode: str, paused: bool, below_hover: bool) -> None:
+    def found(self, mode: str, paused_by: Sender | None, below_hover: bool) -> None:
         """The aircraft was found doing this: it is armed as it is, and goes on, but for flying a plan or to a point."""
         self.mode = HOLD if mode in (GUIDED, OFFBOARD) else mode
-        self.armed, self.paused, self._below_hover = mode != STANDBY, paused, below_hover
+        self.armed, self.paused_by, self._below_hover = mode != STANDBY, paused_by, below_hover
 
     @property
     def below_hover(self) -> bool:
@@ -138,7 +139,7 @@ class Orders:
 
     def start(self) -> bool:
         """Take off or go on with the plan; False when there is nothing to fly, or no energy."""
-        self.paused = False
+        self.paused_by = None
         if self.mode == STANDBY:
             if not self.ready:
                 return False
@@ -174,9 +175,9 @@ class Orders:
             self._halt(t_ns, mode)
         return True
 
-    def hold(self, t_ns: int) -> None:
-        """Stop where it is; `start` goes on."""
-        self.paused = True
+    def hold(self, t_ns: int, by: Sender | None = None) -> None:
+        """Stop where it is; `start` goes on. by: the person who says so; None when the vehicle itself does."""
+        self.paused_by = by or self.paused_by
         if self.mode in (TAKEOFF, MISSION, GUIDED, OFFBOARD, RETURN):
             self.guided.forget()
             self._halt(t_ns, HOLD)

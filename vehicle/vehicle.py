@@ -105,7 +105,7 @@ class Vehicle:
         """What of it outlives this process."""
         now, battery, executor = self.body.at(self._t_ns), self.battery, self.executor
         return AircraftState(self._t_ns, vector(now.state.position), now.yaw_enu_rad, now.gimbal_elevation_rad,
-                             battery.level_percent, battery.full_at_ns, executor.mode, executor.paused,
+                             battery.level_percent, battery.full_at_ns, executor.mode, executor.paused_by,
                              executor.below_hover, [vector(p) for p in self.pilot.helm.trail.points])
 
     def find(self, aircraft: AircraftState, t_ns: int) -> None:
@@ -118,7 +118,7 @@ class Vehicle:
         helm.trail.follow([np.array(p) for p in aircraft.trail_enu_m])
         for point in helm.trail.points:
             self.executor.way_home.note(point, self.avoidance.clear)
-        self.executor.found(aircraft.mode, aircraft.paused, aircraft.below_hover)
+        self.executor.found(aircraft.mode, aircraft.paused_by, aircraft.below_hover)
         self.lookout.begin(t_ns)
         self._t_ns = t_ns
         self.faces.text("restarted in the air, holding" if flying else "restarted", mav.MAV_SEVERITY_WARNING)

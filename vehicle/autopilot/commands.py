@@ -16,7 +16,8 @@ from vehicle.autopilot.request import ACCEPTED, DENIED, REJECTED, UNSUPPORTED, A
 from vehicle.client_plan import RELATIVE_FRAMES
 from vehicle.dialects import Mode
 from vehicle.failsafe_table import Action
-from vehicle.modes import DESCEND, EMERGENCY, LAND, MISSION, RETURN, STANDBY, TAKEOFF
+from vehicle.lease import OUR_GROUND, Sender
+from vehicle.modes import DESCEND, EMERGENCY, HOLD, LAND, MISSION, RETURN, STANDBY, TAKEOFF
 
 if TYPE_CHECKING:
     from vehicle.autopilot.face import Face
@@ -63,7 +64,7 @@ def _change_in_flight(face: Face, mode: Mode, sender: tuple[int, int], t_ns: int
         executor.go_home(t_ns)
     elif mode == "land":
         _land_or_say(face, t_ns)
-    elif executor.mode != TAKEOFF:
+    elif mode == "hold" or executor.mode != TAKEOFF:
         return _hold_if_safer(face, sender, t_ns)
     return ACCEPTED, []
 
@@ -75,10 +76,18 @@ def _hold_if_safer(face: Face, sender: tuple[int, int], t_ns: int) -> Answer:
     if face.lease is not None and not face.lease.may(sender, Action.HOLD, doing, t_ns):
         face.text(f"{face.lease.holder_name} leads: only it may hold a return", mav.MAV_SEVERITY_NOTICE)
         return DENIED, []
-    if executor.mode == MISSION or (face.lease is not None and face.lease.take(sender, t_ns)):
-        face.paused_by = sender
-    executor.hold(t_ns)
+    executor.hold(t_ns, _who_lets_go(face, sender, t_ns))
     return ACCEPTED, []
+
+
+def _who_lets_go(face: Face, sender: Sender, t_ns: int) -> Sender:
+    """Who may let it go on after this sender has held it: that one, if it leads or a plan was under way."""
+    executor = face.craft.executor
+    if face.lease is None:
+        return OUR_GROUND
+    if executor.mode in (TAKEOFF, MISSION) or face.lease.take(sender, t_ns):
+        return sender
+    return executor.paused_by or face.lease.holder(t_ns) or OUR_GROUND
 
 
 def _start_mission(face: Face) -> Answer:
@@ -134,9 +143,14 @@ def take_off(face: Face, r: Request, t_ns: int) -> Answer:
 
 def start(face: Face, r: Request, t_ns: int) -> Answer:
     """MISSION_START."""
+    executor = face.craft.executor
     if face.lease is not None:
         return _start_mission(face) if face.may_go_on(r.sender, t_ns) else (DENIED, [])
-    return (ACCEPTED if face.craft.executor.start() else REJECTED), []
+    if executor.mode == HOLD and executor.paused_by not in (None, OUR_GROUND):
+        face.text("held by somebody else: the plan waits until they, or a person at the ground station, let it go on",
+                  mav.MAV_SEVERITY_NOTICE)
+        return ACCEPTED, []
+    return (ACCEPTED if executor.start() else REJECTED), []
 
 
 def pause(face: Face, r: Request, t_ns: int) -> Answer:

@@ -60,8 +60,6 @@ class Face:
     missions: MissionService = field(init=False)
     _due: dict[Stream, _Due] = field(init=False)
     _queue: list[tuple[int, Any]] = field(default_factory=list)
-    paused_by: tuple[int, int] | None = None
-    """Who has paused the plan last."""
     _texts: int = 0
     _shown: dict[Any, tuple[Any, ...]] = field(default_factory=dict)
     """What was told last, by the message that tells it."""
@@ -225,7 +223,7 @@ class Face:
 
     def may_go_on(self, sender: tuple[int, int], t_ns: int) -> bool:
         """Whether this sender may have the plan flown: it leads, or it was the one that paused it."""
-        return (self.craft.executor.paused and sender == self.paused_by) or self.leads(sender, t_ns)
+        return sender == self.craft.executor.paused_by or self.leads(sender, t_ns)
 
     def _may_plan(self, message: Any, sender: tuple[int, int], t_ns: int) -> bool:
         changes = message.get_type() in ("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT")
