@@ -259,3 +259,19 @@ def test_a_hold_on_the_way_up_stops_there_until_a_person_at_our_ground_station_l
     assert not world.views()
     world.command(1, mav.MAV_CMD_DO_PAUSE_CONTINUE, 1.0)
     assert world.run(60, lambda: bool(world.views()))
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_mission_chosen_in_the_climb_is_flown_in_place_of_hovering(tmp_path: Path, holds: bool) -> None:
+    world = DoorWorld(tmp_path)
+    client, executor = world.client(), world.vehicles[1].executor
+    assert client.upload(flight_plan(world)) == mav.MAV_MISSION_ACCEPTED
+    assert client.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == ACCEPTED
+    assert client.command(mav.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, NAN) == ACCEPTED
+    assert executor.mode == "takeoff"
+    if holds:
+        assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0) == ACCEPTED
+        assert executor.mode == "hold"
+    assert client.command(mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 4.0) == ACCEPTED
+    assert world.run(120.0, until=lambda: world.landed() and world.t_ns > 20e9)
+    assert len(world.shutters) == 2

@@ -138,13 +138,16 @@ class Orders:
             self.pilot.arrived()
 
     def start(self) -> bool:
-        """Take off or go on with the plan; False when there is nothing to fly, or no energy."""
+        """Take off or go on with the plan, which takes the place of what was to come after a take-off; False when there
+        is nothing to fly, or no energy."""
         self.paused_by = None
         if self.mode == STANDBY:
             if not self.ready:
                 return False
             self.mode, self.armed, self._after_takeoff = TAKEOFF, True, None
             self._below_hover = True
+        elif self.mode == TAKEOFF:
+            self._after_takeoff = None
         elif self.mode in (HOLD, GUIDED, OFFBOARD) or (self.mode in (RETURN, LAND) and self._may_turn_back()):
             self.mode = TAKEOFF if self._below_hover else MISSION
             self.pilot.arrived()
@@ -178,6 +181,7 @@ class Orders:
     def hold(self, t_ns: int, by: Sender | None = None) -> None:
         """Stop where it is; `start` goes on. by: the person who says so; None when the vehicle itself does."""
         self.paused_by = by or self.paused_by
+        self._after_takeoff = self._after_takeoff if by is None else None
         if self.mode in (TAKEOFF, MISSION, GUIDED, OFFBOARD, RETURN):
             self.guided.forget()
             self._halt(t_ns, HOLD)
