@@ -66,6 +66,7 @@ BENCHMARKS = (
     Command("energy", "ground_station.bench.energy:main", "the power model; predicted against consumed in runs"),
     Command("trajectories", "ground_station.bench.trajectories:main", "views passed or stopped at; legs and flights"),
     Command("depth", "ground_station.bench.depth:main", "depth of exploration pictures beside true depth"),
+    Command("wires", "ground_station.bench.wires:main", "what pictures say of wires, beside the truth"),
     Command("lidar", "ground_station.bench.lidar:main", "exploration's pictures beside a simulated LiDAR"),
     Command("imagination", "ground_station.bench.imagination:main", "imagined occupancy beside true occupancy"),
     Command("recovery", "ground_station.bench.recovery:main", "how soon a killed ground station is replaced"),

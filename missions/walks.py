@@ -33,7 +33,8 @@ def walks_path(folder: Path, scene: str) -> Path:
 
 
 def truth_path(folder: Path, scene: str) -> Path:
-    """npz with depth_m (n, h, w) float32 along the optical axis, inf in the sky; on_object, on_water (n, h, w)."""
+    """npz with depth_m (n, h, w) float32 along the optical axis, inf in the sky; on_object, on_water (n, h, w);
+    wires_enu_m, empty_enu_m (m, 3) places on wires, and places with nothing near."""
     return folder / f"{_stem(scene)}.truth.npz"
 
 

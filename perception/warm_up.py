@@ -55,7 +55,7 @@ def warm_up() -> None:
     camera = CAMERA.scaled(CAMERA.width_px // 2, CAMERA.height_px // 2)
     wall = np.full((camera.height_px, camera.width_px), WALL_M, dtype=np.float32)
     _map(camera, poses, wall)
-    LineVotes(np.array([[3.0, 2.0, 2.0]]), 9.0, 9.0).add(Lines.of(picture), CAMERA, poses[0])
+    LineVotes(np.array([[3.0, 2.0, 2.0]]), 9.0).add(Lines.of(picture), CAMERA, poses[0])
     _fuse(camera, poses, wall.copy())
     _lines(poses)
     shown = Candidates(np.zeros((1, CANDIDATES), np.int32), np.ones((1, CANDIDATES), np.float32), np.ones(1, bool))

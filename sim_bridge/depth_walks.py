@@ -1,4 +1,4 @@
-"""Walks over the view lattice with pictures, poses and true depth, written for `swarmscan bench depth`.
+"""Walks over the view lattice with pictures, poses and true depth, for `swarmscan bench depth` and `bench wires`.
 
 A walk moves as exploration does: one lattice step at a time, pictures spread along each move, the last one the key
 view. Where it goes is drawn at random among the neighbours that see the object, so that no method is favoured.
@@ -33,6 +33,7 @@ from sim_bridge.render.sensor import encode_jpeg
 from sim_bridge.scenes.load import load_scene
 from sim_bridge.scenes.scene import Scene, merged
 from sim_bridge.truth import BEFORE_FLIGHT_NS, Truth
+from sim_bridge.wire_points import empty_points, wire_points
 
 log = logging.getLogger(__name__)
 
@@ -145,7 +146,8 @@ def write_walks(name: str, folder: Path, walks: int, moves: int, seed: int) -> N
                        for truth in (walker.world, walker.object, Truth(*merged(water)) if water else None))
     seen = np.isfinite(depth)
     np.savez(truth_path(folder, name), depth_m=depth, on_object=seen & (own <= depth + SAME_M),
-             on_water=seen & (wet <= depth + SAME_M))
+             on_water=seen & (wet <= depth + SAME_M), wires_enu_m=wire_points(scene, rng),
+             empty_enu_m=empty_points(scene, walker.world, rng))
 
 
 def _depth(truth: Truth | None, camera: Camera, pose: Pose) -> NDArray[np.float32]:

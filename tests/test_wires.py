@@ -10,15 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from ground_station.nbv.explored import Explored
-from ground_station.nbv.wires import STRUNG, Wires
+from ground_station.nbv.wires import NONE_STRUNG, STRUNG, Wires
 from missions.camera import Camera, Pose
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS
-from perception.mapping.line_votes import STRONGEST_LINE, SURELY, UNIT, Lines, LineVotes
+from perception.mapping.line_votes import MOST, STRONGEST_LINE, UNIT, Lines, LineVotes
 
 CAMERA = Camera.from_diagonal_fov(456, 256, 84.0)
 Picture = NDArray[np.uint8]
+FRAMES_PER_STEP = 4
 WIRE = np.array([[10.0, -20.0, 5.0], [10.0, 20.0, 5.0]])
 POSES = [Pose((0.0, y, z), 0.0, 0.0) for y, z in itertools.product((-4.0, -1.0, 2.0, 5.0), (3.0, 6.5))]
 
@@ -55,7 +56,7 @@ def strung(picture: Picture, pose: Pose, wire: Array) -> Picture:
 
 
 def votes(points: Array, wire: Array | None, poses: list[Pose]) -> LineVotes:
-    result = LineVotes(points, 25.0, 25.0)
+    result = LineVotes(points, 25.0)
     for pose in poses:
         result.add(Lines.of(seen(pose, wire, POSES.index(pose))), CAMERA, pose)
     return result
@@ -72,32 +73,30 @@ def test_pictures_agree_on_a_wire_where_it_is_and_nowhere_else() -> None:
     on, off = np.array([[10.0, y, 5.0] for y in (-2.0, 0.0, 2.0)]), np.array([[7.0, 0.0, 4.2], [12.0, 1.0, 6.5]])
     both = np.concatenate([on, off])
     there = votes(both, WIRE, POSES)
-    assert (there.every.sigmas[:3] > STRUNG).all()
-    assert (there.every.sigmas[3:] < STRUNG).all()
-    assert (votes(both, None, POSES).every.sigmas < STRUNG).all()
+    assert (there.log_odds[:3] > STRUNG).all()
+    assert (there.log_odds[3:] < NONE_STRUNG).all()
+    assert (votes(both, None, POSES).log_odds < NONE_STRUNG).all()
 
 
 def test_the_order_of_pictures_does_not_matter_and_far_ones_have_no_vote() -> None:
     points = np.array([[10.0, 0.0, 5.0], [60.0, 0.0, 5.0]])
     first, second = votes(points, WIRE, POSES), votes(points, WIRE, POSES[::-1])
-    np.testing.assert_array_equal(first.every.sigmas, second.every.sigmas)
-    assert first.every.sigmas[0] != 0.0
-    assert first.every.sigmas[1] == 0.0
+    np.testing.assert_array_equal(first.log_odds, second.log_odds)
+    assert first.log_odds[0] != 0.0
+    assert first.log_odds[1] == 0.0
 
 
-def test_from_afar_no_picture_shows_surely_that_there_is_no_wire() -> None:
-    found = LineVotes(np.array([[10.0, 0.0, 5.0], [22.0, 0.0, 5.0]]), 25.0, 15.0)
-    for k, pose in enumerate(POSES):
-        found.add(Lines.of(leaves(k)), CAMERA, pose)
-    assert (found.every.counts == len(POSES)).all()
-    assert found.looks.tolist() == [SURELY * len(POSES), len(POSES)]
-
-
-def test_before_the_sky_pictures_from_afar_show_surely_that_there_is_no_wire() -> None:
-    found, sky = LineVotes(np.array([[22.0, 0.0, 5.0]]), 25.0, 15.0), np.full((256, 456, 3), 200, np.uint8)
-    for pose in POSES:
-        found.add(Lines.of(sky), CAMERA, pose)
-    assert found.looks.tolist() == [SURELY * len(POSES)]
+def test_the_plainer_a_wire_would_show_the_more_a_picture_says_that_there_is_none() -> None:
+    points = np.array([[10.0, 0.0, 5.0], [22.0, 0.0, 5.0]])
+    pictures = {"sky": np.full((256, 456, 3), 200, np.uint8), "grass": grass(0), "leaves": leaves(0)}
+    said = {}
+    for what, picture in pictures.items():
+        found = LineVotes(points, 25.0)
+        found.add(Lines.of(picture), CAMERA, POSES[1])
+        said[what] = found.log_odds
+    assert (said["sky"] == -MOST).all()
+    assert (said["sky"] < said["grass"]).all()
+    assert (said["leaves"] == 0.0).all()
 
 
 def test_pictures_that_would_not_show_a_wire_do_not_outvote_those_that_do() -> None:
@@ -110,7 +109,7 @@ def test_pictures_that_would_not_show_a_wire_do_not_outvote_those_that_do() -> N
     for frame in 3 * before_leaves:
         wires.see(frame)
     wires.update()
-    assert wires.clear_edges()[through]
+    assert not wires.looked_at_edges()[through]
     for frame in before_sky:
         wires.see(frame)
     wires.update()
@@ -176,19 +175,7 @@ def test_looking_along_a_leg_from_its_start_leaves_no_place_that_nobody_looked_a
     through = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((1, 0, 0))
     at = lattice.positions_enu_m[through[0]] + [aside_m, 0.0, 0.0]
     wires.was_at(at, brief().fleet.clearance_m)
-    for k in range(2):
+    for k in range(FRAMES_PER_STEP):
         wires.see(Frame(vehicle=1, pose=Pose((at[0], at[1], at[2]), 0.0, 0.0), index=None, rgb=grass(k)))
     wires.update()
     assert wires.looked_at_edges()[through]
-
-
-def test_from_afar_it_takes_the_pictures_of_two_steps_to_have_looked_at_a_place() -> None:
-    wires, lattice = Wires(brief()), brief().lattice
-    up = lattice.flat((2, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
-    x, y, _ = lattice.positions_enu_m[up[0]]
-    looked = []
-    for k in range(9):
-        wires.see(Frame(vehicle=1, pose=Pose((x - 23.0, y, 5.5), 0.0, 0.0), index=None, rgb=leaves(k)))
-        wires.update()
-        looked.append(bool(wires.looked_at_edges()[up]))
-    assert looked == 7 * [False] + 2 * [True]

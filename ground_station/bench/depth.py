@@ -46,7 +46,7 @@ def main(argv: Sequence[str]) -> int:
     warm_up()
     with tempfile.TemporaryDirectory() as scratch:
         folder = options.data or Path(scratch)
-        _take_pictures(folder, options)
+        take_pictures(folder, options)
         if options.fit:
             sys.stdout.write(f"{json.dumps(fit(folder, options.scenes, options.fit))}\n")
             return 0
@@ -87,7 +87,8 @@ def evaluate(folder: Path, scene: str) -> tuple[Row, Pixels, NDArray[np.int64], 
     return summary(scene, len(depths), pixels, ghost, cpu_seconds), pixels, ghost, shown
 
 
-def _take_pictures(folder: Path, options: argparse.Namespace) -> None:
+def take_pictures(folder: Path, options: argparse.Namespace) -> None:
+    """Walk the scenes that the folder does not hold yet. Raises UserError."""
     missing = [s for s in options.scenes if not (walks_path(folder, s).is_file() and truth_path(folder, s).is_file())]
     if not missing:
         return
@@ -97,16 +98,21 @@ def _take_pictures(folder: Path, options: argparse.Namespace) -> None:
         raise UserError("the pictures could not be taken; the message above says why.")
 
 
-def _parse(argv: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="swarmscan bench depth", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", default=list(BUILT_IN), help="built-in structures, family:NAME:SEED, or "
-                        "files (default: the built-in structures)")
+def add_walk_arguments(parser: argparse.ArgumentParser, scenes: Sequence[str]) -> None:
+    """Which walks, through which scenes."""
+    parser.add_argument("--scenes", nargs="+", default=list(scenes), help="built-in structures, family:NAME:SEED, or "
+                        "files (default: %(default)s)")
     parser.add_argument("--walks", type=int, default=2, help="walks per scene (default %(default)s)")
     parser.add_argument("--moves", type=int, default=7, help="lattice moves per walk (default %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of the walks and the sensor noise (default %(default)s)")
     parser.add_argument("--data", type=Path, help="folder that keeps pictures and truth for the next run; scenes that "
                         "it already holds are not walked anew")
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="swarmscan bench depth", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_walk_arguments(parser, BUILT_IN)
     parser.add_argument("--page", type=Path, help="write the worst pictures and the curves to this HTML page")
     parser.add_argument("--fit", type=Path, metavar="FILE", help="train the confidence on these scenes, write its "
                         "weights to this safetensors file, and score nothing")

@@ -12,18 +12,14 @@ from numpy.typing import NDArray
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
-from perception.mapping.line_votes import SURELY, WIRE_M, Lines, LineVotes, Tally
+from perception.mapping.line_votes import WIRE_M, Lines, LineVotes
 
-LEAST_PX, SURE_PX = 0.25, 0.4
-"""Pictures vote on places where a wire of WIRE_M is at least so wide. Where it is narrower than SURE_PX they may
-fail to show it, unless what is behind it makes it plain."""
+LEAST_PX = 0.15
+"""Pictures vote on places where a wire of WIRE_M is at least so wide."""
 SPACING_M = 0.25
-STRUNG, STRUNG_SOON = 15.0, 3.5
-"""A leg with so many standard deviations for a wire at any place that the body sweeps is not flown; or, while few
-pictures have voted, with so many times the root of their number: by chance their votes hardly add up to that."""
-LEAST_LOOKS = 2 * SURELY
-"""A place counts as looked at after as many: two pictures that would surely have shown a wire, as many as the map needs
-to call it free, or those of two steps that may have failed to."""
+STRUNG, NONE_STRUNG = 8.0, -3.0
+"""Above this logarithm of the odds at any place that the body sweeps there is a wire, below that at all of them there
+is none. Between them nobody knows, and a leg is not flown either."""
 
 
 class Wires:
@@ -34,9 +30,8 @@ class Wires:
         low, high = (np.array(corner) for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
         self._legs = [_swept(self._lattice, axis, low - brief.fleet.radius_m, high + brief.fleet.radius_m)
                       for axis in range(3)]
-        reach_m, sure_m = (min(WIRE_M * brief.camera.fx_px / px, brief.sensing_range_m)
-                           for px in (LEAST_PX, SURE_PX))
-        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m, sure_m)
+        reach_m = min(WIRE_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
+        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
         self._workers, self._new = ThreadPoolExecutor(get_num_threads()), list[Frame]()
         self._stood = np.zeros(len(self._votes.points_enu_m), dtype=np.bool_)
 
@@ -57,10 +52,10 @@ class Wires:
 
     def clear_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where no wire shows in the pictures."""
-        return self._edges(_shows_none(self._votes.every) & _shows_none(self._votes.plain))
+        return self._edges(self._stood | (self._votes.log_odds <= STRUNG))
 
     def looked_at_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps where wires would show, for enough pictures were taken of them from nearby."""
+        """(p, 6) lattice steps where wires would show, and none does."""
         return self._edges(self._looked_at)
 
     def not_looked_at(self, a: int, b: int) -> Array:
@@ -77,7 +72,7 @@ class Wires:
 
     @property
     def _looked_at(self) -> NDArray[np.bool_]:
-        result: NDArray[np.bool_] = self._stood | (self._votes.looks >= LEAST_LOOKS)
+        result: NDArray[np.bool_] = self._stood | (self._votes.log_odds <= NONE_STRUNG)
         return result
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -90,12 +85,6 @@ class Wires:
             edges[b[~bad], 2 * axis] = edges[a[~bad], 2 * axis + 1] = True
             begin += len(points)
         return edges
-
-
-def _shows_none(votes: Tally) -> NDArray[np.bool_]:
-    """(n,) points where the votes do not add up to a wire."""
-    result: NDArray[np.bool_] = votes.sigmas <= np.minimum(STRUNG, STRUNG_SOON * np.sqrt(votes.counts))
-    return result
 
 
 def _swept(lattice: PoseLattice, axis: int, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:

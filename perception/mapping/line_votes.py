@@ -2,8 +2,8 @@
 
 A cable of 3 cm is half a pixel wide 20 m away and has no depth, but stretches through the picture as a faint line. One
 picture's line may be a blade of grass, a kerb or a shadow. A wire is where the lines of all pictures meet: every
-picture votes on every point that is asked about, for a wire where a line passes its place in the picture, against one
-elsewhere.
+picture votes on every point that is asked about, by how much likelier a line of that strength is at its place in the
+picture with a wire there than without one.
 """
 
 from __future__ import annotations
@@ -30,25 +30,30 @@ STRONGEST, STRONGEST_LINE = 3.0, 7.0
 """What a pixel, and a line, counts at most, in standard deviations."""
 SEEN = 0.3
 """A line is looked for through pixels that stand out by this much."""
-UNLIKELY = 3.3
-"""A line of this strength speaks neither for a wire nor against it."""
 PLAIN = 5.0
 """A wire shows plainly where its line would be so strong."""
 WIRE_M, WIRE_DN = 0.03, 20.0
 """The thinnest wire that is reckoned with, and how much it differs from grass behind it."""
-SURELY = 4
-"""How often a picture that would surely show a wire counts as a look, beside one that may fail to: as all the pictures
-of one step may do at once."""
+LINE, PLAINLY, BOTH, NONE = 0.25, -3.9, 0.85, -0.33
+"""The logarithm of how much likelier a picture is with a wire than without one: NONE + LINE s + PLAINLY p + BOTH s p
+for a line of strength s, where a wire would differ p times as much as one that shows plainly."""
+MOST = 3.0
+"""No picture says more."""
+FAINTEST = 0.2
+"""Pictures in which a wire would differ less, beside one that shows plainly, have no vote: they hardly tell, and many
+of them tell the same. So do those where what is behind hides it from however near."""
 UNIT = 32
-"""Votes are whole numbers: this many to a standard deviation."""
+"""Votes are whole numbers: this many to a unit of the logarithm, and strengths as many to a standard deviation."""
 NEAR_M = 9.0
 """Nearer points are farther apart in the picture, so their places are searched more widely."""
+WIDE_M = 4.0
+"""Of what is nearer, pictures say half as much: there a wire is no thin line any more, and has depth."""
 NEAREST_M = 0.5
 """Only what lies less deep has no vote: well within the clearance, so that a vehicle which looks along a leg from its
 start leaves no place on it that nobody looked at."""
 
 Strengths = NDArray[np.uint8]
-Counts = NDArray[np.int32]
+Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -123,44 +128,59 @@ def _best_lines(contrast: Image, dx: NDArray[np.int64], dy: NDArray[np.int64], s
                     strength[y, x] = max(strength[y, x], total / np.float32(np.sqrt(n)))
 
 
-class Tally:
-    """Votes on n points. Whole numbers, so that the order of pictures does not matter."""
+@dataclass(frozen=True)
+class Shown:
+    """What a picture shows at n places of points."""
 
-    def __init__(self, points: int) -> None:
-        self.sums, self.counts = np.zeros(points, np.int32), np.zeros(points, np.int32)
+    line: Floats
+    """(n,) how strong a line is there, in standard deviations."""
+    plainly: Floats
+    """(n,) how much a wire would differ from what is beside it, as a share of what shows plainly; 1 at most."""
+    weight: Floats
+    """(n,) of its vote; 0 where it has none."""
 
-    @property
-    def sigmas(self) -> Array:
-        """(n,) how much speaks for a wire near each point, as a sum of standard deviations; negative: none."""
-        return self.sums / UNIT
+
+def log_odds(line: Floats, plainly: Floats) -> Floats:
+    """(n,) logarithm of how much likelier it is with a wire than without one that pictures show (n,) lines so strong
+    where a wire would differ so much."""
+    result: Floats = np.clip(NONE + LINE * line + PLAINLY * plainly + BOTH * line * plainly, -MOST, MOST)
+    return result
 
 
 class LineVotes:
-    """The votes of all pictures on some points."""
+    """The votes of all pictures on some points. Whole numbers, so that the order of pictures does not matter."""
 
-    def __init__(self, points_enu_m: Array, reach_m: float, sure_m: float) -> None:
-        """For points (n, 3). Of `every` picture those from nearer than reach_m have a vote. `plain`: those that show
-        the thinnest wire plainly before what is behind it, as far as they do. The many that do not would outvote them.
-        looks (n,): SURELY for every picture from nearer than sure_m or that shows it plainly, 1 for every other."""
-        self.points_enu_m, self._reach_m, self._sure_m = np.ascontiguousarray(points_enu_m), reach_m, sure_m
-        self.every, self.plain = Tally(len(points_enu_m)), Tally(len(points_enu_m))
-        self.looks = np.zeros(len(points_enu_m), np.int32)
+    def __init__(self, points_enu_m: Array, reach_m: float) -> None:
+        """For points (n, 3). Pictures from farther than reach_m have no vote."""
+        self.points_enu_m, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
+        self._sums = np.zeros(len(points_enu_m), np.int32)
+
+    @property
+    def log_odds(self) -> Array:
+        """(n,) how much speaks for a wire near each point: the logarithm of how much likelier the pictures are with it
+        than without it, if they were independent; negative: it speaks against one."""
+        return self._sums / UNIT
 
     def add(self, lines: Lines, camera: Camera, pose: Pose) -> None:
         """A picture votes by the lines in it."""
+        shown = self.shown(lines, camera, pose)
+        self._sums += np.round(UNIT * shown.weight * log_odds(shown.line, shown.plainly)).astype(np.int32)
+
+    def shown(self, lines: Lines, camera: Camera, pose: Pose) -> Shown:
+        """What a picture shows at the points."""
         levels = np.stack([cv2.dilate(lines.strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
-        plain_m = np.where(lines.plain_dn <= WIRE_DN, WIRE_M * camera.fx_px * WIRE_DN / lines.plain_dn, 0.0)
-        _vote(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
-              camera.matrix, levels, plain_m.astype(np.float32), self._reach_m, self._sure_m, self.every.sums,
-              self.every.counts, self.plain.sums, self.plain.counts, self.looks)
+        shown = Shown(*np.zeros((3, len(self.points_enu_m)), np.float32))
+        _look(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
+              camera.matrix, levels, lines.plain_dn, WIRE_M * camera.fx_px, self._reach_m, shown.line, shown.plainly,
+              shown.weight)
+        return shown
 
 
 @compiled
-def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain: Image,
-          reach: float, sure: float, sums: Counts, counts: Counts, plain_sums: Counts, plain_counts: Counts,
-          looks: Counts) -> None:
-    """One picture's votes; levels (2, h, w): line strength at half size, spread out for near points and for far; plain
-    (h, w): how far away a wire shows plainly."""
+def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain_dn: Image,
+          wire_px_m: float, reach: float, line: Floats, plainly: Floats, weight: Floats) -> None:
+    """Shown; levels (2, h, w): line strength at half size, spread out for near points and for far; plain_dn (h, w): of
+    Lines; wire_px_m: pixels that a wire is wide at a distance of 1 m."""
     _, h, w = levels.shape
     for i in range(len(points)):
         x, y, z = points[i, 0] - at[0], points[i, 1] - at[1], points[i, 2] - at[2]
@@ -171,17 +191,10 @@ def _vote(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         down = camera_from_enu[1, 0] * x + camera_from_enu[1, 1] * y + camera_from_enu[1, 2] * z
         column = int(np.floor(0.5 * (matrix[0, 0] * right / depth + matrix[0, 2])))
         row = int(np.floor(0.5 * (matrix[1, 1] * down / depth + matrix[1, 2])))
-        if not (2 <= column < w - 2 and 2 <= row < h - 2):
-            continue
         distance = np.sqrt(x * x + y * y + z * z)
-        vote = levels[0 if distance < NEAR_M else 1, row, column] - int(UNLIKELY * UNIT)
-        if distance <= reach:
-            counts[i] += 1
-            sums[i] += vote
-        if distance <= max(sure, plain[row, column]):
-            looks[i] += SURELY
-        elif distance <= reach:
-            looks[i] += 1
-        if distance <= plain[row, column]:
-            plain_counts[i] += 1
-            plain_sums[i] += vote
+        if distance > reach or not (2 <= column < w - 2 and 2 <= row < h - 2):
+            continue
+        plainly[i] = min(WIRE_DN * min(1.0, wire_px_m / distance) / plain_dn[row, column], 1.0)
+        if plainly[i] >= FAINTEST and plain_dn[row, column] <= WIRE_DN:
+            line[i] = levels[0 if distance < NEAR_M else 1, row, column] / UNIT
+            weight[i] = 0.5 if distance < WIDE_M else 1.0
