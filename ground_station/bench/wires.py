@@ -56,6 +56,11 @@ class Looks:
         """(n,) what the pictures say."""
         return log_odds(self.line, self.plainly)
 
+    @property
+    def both(self) -> bool:
+        """Whether there are wires and places without any among them."""
+        return bool(self.wire.any() and not self.wire.all())
+
     def between(self, near_m: float, far_m: float) -> Looks:
         """Those from so far."""
         some = (self.distance_m >= near_m) & (self.distance_m < far_m)
@@ -89,12 +94,12 @@ def main(argv: Sequence[str]) -> int:
         parts = [looks for scene in track(options.scenes, "wires", console=Console(stderr=True), disable=options.json)
                  for looks in looks_at(folder, scene)]
     looks = Looks(*(np.concatenate([getattr(part, name) for part in parts]) for name in Looks.__dataclass_fields__))
-    if not looks.wire.any():
+    if not looks.both:
         raise UserError("--scenes: none of them has wires; give power lines.")
     if options.fit:
         sys.stdout.write(f"{json.dumps(fit(looks))}\n")
         return 0
-    rows = [row(looks, near, far) for near, far in pairwise(FROM_M)]
+    rows = [row(looks, near, far) for near, far in pairwise(FROM_M) if looks.between(near, far).both]
     print_result(rows, _table(rows), options.json)
     return 0
 
@@ -120,7 +125,7 @@ def row(looks: Looks, near_m: float, far_m: float) -> Row:
     of_wires, of_nothing = some.said[some.wire], some.said[~some.wire]
     counts = [np.histogram(said, SAID)[0] + 1.0 for said in (of_wires, of_nothing)]
     true = np.log(counts[0] / counts[0].sum()) - np.log(counts[1] / counts[1].sum())
-    apart = mannwhitneyu(of_wires, of_nothing).statistic / max(1, len(of_wires) * len(of_nothing))
+    apart = mannwhitneyu(of_wires, of_nothing).statistic / (len(of_wires) * len(of_nothing))
     return Row(near_m, far_m, len(of_wires), len(of_nothing), round(float(of_wires.mean()), 2),
                round(float(of_nothing.mean()), 2), round(float(apart), 3), true.round(2).tolist())
 

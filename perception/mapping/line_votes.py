@@ -48,6 +48,9 @@ NEAR_M = 9.0
 """Nearer points are farther apart in the picture, so their places are searched more widely."""
 WIDE_M = 4.0
 """Of what is nearer, pictures say half as much: there a wire is no thin line any more, and has depth."""
+FAR_M, FROM_AFAR = 30.0, -3.0
+"""All that pictures from farther say against a wire counts no more than this together. Wires that they do not show are
+much the same for all of them, and nearer ones must be able to say otherwise."""
 NEAREST_M = 0.5
 """Only what lies less deep has no vote: well within the clearance, so that a vehicle which looks along a leg from its
 start leaves no place on it that nobody looked at."""
@@ -153,18 +156,21 @@ class LineVotes:
     def __init__(self, points_enu_m: Array, reach_m: float) -> None:
         """For points (n, 3). Pictures from farther than reach_m have no vote."""
         self.points_enu_m, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
-        self._sums = np.zeros(len(points_enu_m), np.int32)
+        self._near, self._far = np.zeros((2, len(points_enu_m)), np.int32)
 
     @property
     def log_odds(self) -> Array:
         """(n,) how much speaks for a wire near each point: the logarithm of how much likelier the pictures are with it
         than without it, if they were independent; negative: it speaks against one."""
-        return self._sums / UNIT
+        return (self._near + np.maximum(self._far, int(UNIT * FROM_AFAR))) / UNIT
 
     def add(self, lines: Lines, camera: Camera, pose: Pose) -> None:
         """A picture votes by the lines in it."""
         shown = self.shown(lines, camera, pose)
-        self._sums += np.round(UNIT * shown.weight * log_odds(shown.line, shown.plainly)).astype(np.int32)
+        votes = np.round(UNIT * shown.weight * log_odds(shown.line, shown.plainly)).astype(np.int32)
+        far = np.linalg.norm(self.points_enu_m - pose.position_enu_m, axis=1) > FAR_M
+        self._far += np.where(far, votes, 0)
+        self._near += np.where(far, 0, votes)
 
     def shown(self, lines: Lines, camera: Camera, pose: Pose) -> Shown:
         """What a picture shows at the points."""
