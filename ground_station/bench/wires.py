@@ -105,15 +105,15 @@ def main(argv: Sequence[str]) -> int:
 
 
 def looks_at(folder: Path, scene: str) -> Iterator[Looks]:
-    """What each picture of a scene's walks shows at the places of its truth."""
+    """What each picture of a scene's walks shows at the places of its truth that nothing hides."""
     walks = msgspec.msgpack.decode(walks_path(folder, scene).read_bytes(), type=Walks)
     with np.load(truth_path(folder, scene)) as truth:
         if "wires_enu_m" not in truth:
             raise UserError(f"{truth_path(folder, scene)}: written before wires were; delete it and its pictures.")
-        wires, empty = truth["wires_enu_m"], truth["empty_enu_m"]
+        wires, empty, depth_m = truth["wires_enu_m"], truth["empty_enu_m"], truth["depth_m"]
     votes = LineVotes(np.concatenate([wires, empty]), REACH_M)
-    for shot, jpeg in zip(walks.shots, walks.jpegs, strict=True):
-        shown = votes.shown(Lines.of(picture(jpeg)), walks.camera, shot.pose)
+    for shot, jpeg, surface_m in zip(walks.shots, walks.jpegs, depth_m, strict=True):
+        shown = votes.shown(Lines.of(picture(jpeg)), walks.camera, shot.pose, surface_m)
         some = np.flatnonzero(shown.weight == 1.0)
         yield Looks(np.linalg.norm(votes.points_enu_m[some] - shot.pose.position_enu_m, axis=1), shown.line[some],
                     shown.plainly[some], some < len(wires))

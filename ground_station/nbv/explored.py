@@ -21,8 +21,10 @@ from missions.frames import Array
 from missions.grid import UNKNOWN, SurfaceVoxels, VoxelGrid
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, Index5, Indices, PoseLattice
+from perception.depth.depth_map import Image
 from perception.depth.plane_sweep import SweepSettings
 from perception.mapping.explorer_map import ExplorerMap
+from perception.mapping.line_votes import UNHIDDEN
 from perception.mapping.voxel_map import MapSettings
 
 RANGE = 25.0
@@ -87,9 +89,14 @@ class Explored:
         """Bring the map up to date with the pictures."""
         if self._stale:
             self._map.update()
-            self._wires.update()
+            self._wires.update(self._surface_m)
             self.grid = self._map.grid()
             self._stale = False
+
+    def _surface_m(self, picture: int) -> Image:
+        """(h, w) how deep a picture shows, in metres; inf where that is not known."""
+        depth = self._map.depth(picture)
+        return UNHIDDEN if depth is None else np.where(depth.valid, depth.depth_m / np.float32(self.scale), np.inf)
 
     def pose(self, index: Index5) -> Pose:
         """A view of the lattice, in map units."""

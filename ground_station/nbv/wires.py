@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from missions.frames import Array
 from missions.nbv_trial import Frame, TrialBrief
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
-from perception.mapping.line_votes import WIRE_M, Lines, LineVotes
+from perception.depth.depth_map import Image
+from perception.mapping.line_votes import UNHIDDEN, WIRE_M, Lines, LineVotes
 
 LEAST_PX = 0.15
 """Pictures vote on places where a wire of WIRE_M is at least so wide."""
@@ -32,18 +34,19 @@ class Wires:
                       for axis in range(3)]
         reach_m = min(WIRE_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
         self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
-        self._workers, self._new = ThreadPoolExecutor(get_num_threads()), list[Frame]()
+        self._workers, self._new, self._voted = ThreadPoolExecutor(get_num_threads()), list[Frame](), 0
         self._stood = np.zeros(len(self._votes.points_enu_m), dtype=np.bool_)
 
     def see(self, frame: Frame) -> None:
         """Take a picture in; it has no vote before `update`."""
         self._new.append(frame)
 
-    def update(self) -> None:
-        """Every new picture votes."""
+    def update(self, surface_m: Callable[[int], Image] = lambda _: UNHIDDEN) -> None:
+        """Every new picture votes. surface_m: how deep the n-th picture shows, as `LineVotes` takes it."""
         lines = self._workers.map(lambda frame: Lines.of(frame.rgb), self._new)
-        for frame, found in zip(self._new, lines, strict=True):
-            self._votes.add(found, self._camera, frame.pose)
+        for n, (frame, found) in enumerate(zip(self._new, lines, strict=True), self._voted):
+            self._votes.add(found, self._camera, frame.pose, surface_m(n))
+        self._voted += len(self._new)
         self._new.clear()
 
     def was_at(self, position_enu_m: Array, clearance_m: float) -> None:

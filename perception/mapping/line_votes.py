@@ -51,6 +51,9 @@ WIDE_M = 4.0
 FAR_M, FROM_AFAR = 30.0, -3.0
 """All that pictures from farther say against a wire counts no more than this together. Wires that they do not show are
 much the same for all of them, and nearer ones must be able to say otherwise."""
+HIDDEN, HIDDEN_M = 1.1, 0.5
+"""A place is hidden when it lies deeper than so many times what the picture shows there, and so much more."""
+UNHIDDEN: Image = np.full((1, 1), np.inf, np.float32)
 NEAREST_M = 0.5
 """Only what lies less deep has no vote: well within the clearance, so that a vehicle which looks along a leg from its
 start leaves no place on it that nobody looked at."""
@@ -164,29 +167,30 @@ class LineVotes:
         than without it, if they were independent; negative: it speaks against one."""
         return (self._near + np.maximum(self._far, int(UNIT * FROM_AFAR))) / UNIT
 
-    def add(self, lines: Lines, camera: Camera, pose: Pose) -> None:
-        """A picture votes by the lines in it."""
-        shown = self.shown(lines, camera, pose)
+    def add(self, lines: Lines, camera: Camera, pose: Pose, surface_m: Image = UNHIDDEN) -> None:
+        """A picture votes by the lines in it. surface_m: (h, w) of any size, how deep it shows; inf where that is not
+        known. On what is hidden it has no vote."""
+        shown = self.shown(lines, camera, pose, surface_m)
         votes = np.round(UNIT * shown.weight * log_odds(shown.line, shown.plainly)).astype(np.int32)
         far = np.linalg.norm(self.points_enu_m - pose.position_enu_m, axis=1) > FAR_M
         self._far += np.where(far, votes, 0)
         self._near += np.where(far, 0, votes)
 
-    def shown(self, lines: Lines, camera: Camera, pose: Pose) -> Shown:
-        """What a picture shows at the points."""
+    def shown(self, lines: Lines, camera: Camera, pose: Pose, surface_m: Image = UNHIDDEN) -> Shown:
+        """What a picture shows at the points; as in `add`."""
         levels = np.stack([cv2.dilate(lines.strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
         shown = Shown(*np.zeros((3, len(self.points_enu_m)), np.float32))
         _look(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
-              camera.matrix, levels, lines.plain_dn, WIRE_M * camera.fx_px, self._reach_m, shown.line, shown.plainly,
-              shown.weight)
+              camera.matrix, levels, lines.plain_dn, surface_m, WIRE_M * camera.fx_px, self._reach_m, shown.line,
+              shown.plainly, shown.weight)
         return shown
 
 
 @compiled
 def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain_dn: Image,
-          wire_px_m: float, reach: float, line: Floats, plainly: Floats, weight: Floats) -> None:
+          surface: Image, wire_px_m: float, reach: float, line: Floats, plainly: Floats, weight: Floats) -> None:
     """Shown; levels (2, h, w): line strength at half size, spread out for near points and for far; plain_dn (h, w): of
-    Lines; wire_px_m: pixels that a wire is wide at a distance of 1 m."""
+    Lines; surface: how deep it shows; wire_px_m: pixels that a wire is wide at a distance of 1 m."""
     _, h, w = levels.shape
     for i in range(len(points)):
         x, y, z = points[i, 0] - at[0], points[i, 1] - at[1], points[i, 2] - at[2]
@@ -199,6 +203,8 @@ def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         row = int(np.floor(0.5 * (matrix[1, 1] * down / depth + matrix[1, 2])))
         distance = np.sqrt(x * x + y * y + z * z)
         if distance > reach or not (2 <= column < w - 2 and 2 <= row < h - 2):
+            continue
+        if depth > HIDDEN * surface[row * surface.shape[0] // h, column * surface.shape[1] // w] + HIDDEN_M:
             continue
         plainly[i] = min(WIRE_DN * min(1.0, wire_px_m / distance) / plain_dn[row, column], 1.0)
         if plainly[i] >= FAINTEST and plain_dn[row, column] <= WIRE_DN:
