@@ -41,16 +41,17 @@ MOST = 3.0
 """No picture says more."""
 FAINTEST = 0.2
 """Pictures in which a wire would differ less, beside one that shows plainly, have no vote: they hardly tell, and many
-of them tell the same. So do those where what is behind hides it from however near."""
+of them tell the same."""
 UNIT = 32
 """Votes are whole numbers: this many to a unit of the logarithm, and strengths as many to a standard deviation."""
 NEAR_M = 9.0
 """Nearer points are farther apart in the picture, so their places are searched more widely."""
 WIDE_M = 4.0
 """Of what is nearer, pictures say half as much: there a wire is no thin line any more, and has depth."""
-FAR_M, FROM_AFAR = 30.0, -3.0
-"""All that pictures from farther say against a wire counts no more than this together. Wires that they do not show are
-much the same for all of them, and nearer ones must be able to say otherwise."""
+FAR_M, HEARSAY = 30.0, -3.0
+"""All that pictures from farther, and those before what hides WIRE_DN from however near, say against a wire counts no
+more than this together: a wire that one of them does not show the others hardly do either, and better ones must be able
+to say otherwise."""
 HIDDEN, HIDDEN_M = 1.1, 0.5
 """A place is hidden when it lies deeper than so many times what the picture shows there, and so much more."""
 UNHIDDEN: Image = np.full((1, 1), np.inf, np.float32)
@@ -144,6 +145,8 @@ class Shown:
     """(n,) how much a wire would differ from what is beside it, as a share of what shows plainly; 1 at most."""
     weight: Floats
     """(n,) of its vote; 0 where it has none."""
+    hearsay: NDArray[np.bool_]
+    """(n,) where HEARSAY bounds what it says."""
 
 
 def log_odds(line: Floats, plainly: Floats) -> Floats:
@@ -159,36 +162,37 @@ class LineVotes:
     def __init__(self, points_enu_m: Array, reach_m: float) -> None:
         """For points (n, 3). Pictures from farther than reach_m have no vote."""
         self.points_enu_m, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
-        self._near, self._far = np.zeros((2, len(points_enu_m)), np.int32)
+        self._told, self._heard = np.zeros((2, len(points_enu_m)), np.int32)
 
     @property
     def log_odds(self) -> Array:
         """(n,) how much speaks for a wire near each point: the logarithm of how much likelier the pictures are with it
         than without it, if they were independent; negative: it speaks against one."""
-        return (self._near + np.maximum(self._far, int(UNIT * FROM_AFAR))) / UNIT
+        return (self._told + np.maximum(self._heard, int(UNIT * HEARSAY))) / UNIT
 
     def add(self, lines: Lines, camera: Camera, pose: Pose, surface_m: Image = UNHIDDEN) -> None:
         """A picture votes by the lines in it. surface_m: (h, w) of any size, how deep it shows; inf where that is not
         known. On what is hidden it has no vote."""
         shown = self.shown(lines, camera, pose, surface_m)
         votes = np.round(UNIT * shown.weight * log_odds(shown.line, shown.plainly)).astype(np.int32)
-        far = np.linalg.norm(self.points_enu_m - pose.position_enu_m, axis=1) > FAR_M
-        self._far += np.where(far, votes, 0)
-        self._near += np.where(far, 0, votes)
+        self._heard += np.where(shown.hearsay, votes, 0)
+        self._told += np.where(shown.hearsay, 0, votes)
 
     def shown(self, lines: Lines, camera: Camera, pose: Pose, surface_m: Image = UNHIDDEN) -> Shown:
         """What a picture shows at the points; as in `add`."""
         levels = np.stack([cv2.dilate(lines.strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
-        shown = Shown(*np.zeros((3, len(self.points_enu_m)), np.float32))
+        line, plainly, weight = np.zeros((3, len(self.points_enu_m)), np.float32)
+        shown = Shown(line, plainly, weight, np.zeros(len(line), np.bool_))
         _look(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
               camera.matrix, levels, lines.plain_dn, surface_m, WIRE_M * camera.fx_px, self._reach_m, shown.line,
-              shown.plainly, shown.weight)
+              shown.plainly, shown.weight, shown.hearsay)
         return shown
 
 
 @compiled
 def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain_dn: Image,
-          surface: Image, wire_px_m: float, reach: float, line: Floats, plainly: Floats, weight: Floats) -> None:
+          surface: Image, wire_px_m: float, reach: float, line: Floats, plainly: Floats, weight: Floats,
+          hearsay: NDArray[np.bool_]) -> None:
     """Shown; levels (2, h, w): line strength at half size, spread out for near points and for far; plain_dn (h, w): of
     Lines; surface: how deep it shows; wire_px_m: pixels that a wire is wide at a distance of 1 m."""
     _, h, w = levels.shape
@@ -207,6 +211,7 @@ def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
         if depth > HIDDEN * surface[row * surface.shape[0] // h, column * surface.shape[1] // w] + HIDDEN_M:
             continue
         plainly[i] = min(WIRE_DN * min(1.0, wire_px_m / distance) / plain_dn[row, column], 1.0)
-        if plainly[i] >= FAINTEST and plain_dn[row, column] <= WIRE_DN:
+        if plainly[i] >= FAINTEST:
             line[i] = levels[0 if distance < NEAR_M else 1, row, column] / UNIT
             weight[i] = 0.5 if distance < WIDE_M else 1.0
+            hearsay[i] = distance > FAR_M or plain_dn[row, column] > WIRE_DN
