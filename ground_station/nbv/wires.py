@@ -19,7 +19,7 @@ from perception.mapping.line_votes import UNHIDDEN, WIRE_M, Lines, LineVotes
 LEAST_PX = 0.15
 """Pictures vote on places where a wire of WIRE_M is at least so wide."""
 SPACING_M = 0.25
-STRUNG, NONE_STRUNG = 8.0, -2.0
+STRUNG, NONE_STRUNG = 8.0, -2.5
 """Above this logarithm of the odds at any place that the body sweeps there is a wire, below that at all of them there
 is none. Between them nobody knows, and a leg is not flown either."""
 
