@@ -21,7 +21,9 @@ LEAST_PX = 0.15
 SPACING_M = 0.25
 STRUNG, NONE_STRUNG = 8.0, -2.5
 """Above this logarithm of the odds at any place that the body sweeps there is a wire, below that at all of them there
-is none. Between them nobody knows, and a leg is not flown either."""
+is none. Between them nobody knows, and a leg is not flown either ..."""
+LEAST_LOOKS, HARDLY = 8, 3.0
+"""... but where the pictures of two steps from nearby leave the odds below this: most places are on no wire."""
 
 
 class Wires:
@@ -75,7 +77,9 @@ class Wires:
 
     @property
     def _looked_at(self) -> NDArray[np.bool_]:
-        result: NDArray[np.bool_] = self._stood | (self._votes.log_odds <= NONE_STRUNG)
+        odds = self._votes.log_odds
+        looked_at = (self._votes.looks >= LEAST_LOOKS) & (odds <= HARDLY)
+        result: NDArray[np.bool_] = self._stood | (odds <= NONE_STRUNG) | looked_at
         return result
 
     def _edges(self, good: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -52,6 +52,8 @@ FAR_M, HEARSAY = 30.0, -3.0
 """All that pictures from farther, and those before what hides WIRE_DN from however near, say against a wire counts no
 more than this together: a wire that one of them does not show the others hardly do either, and better ones must be able
 to say otherwise."""
+NEAR_PX = 0.4
+"""A picture in which the thinnest wire is at least so wide is a look from nearby."""
 HIDDEN, HIDDEN_M = 1.1, 0.5
 """A place is hidden when it lies deeper than so many times what the picture shows there, and so much more."""
 UNHIDDEN: Image = np.full((1, 1), np.inf, np.float32)
@@ -147,6 +149,8 @@ class Shown:
     """(n,) of its vote; 0 where it has none."""
     hearsay: NDArray[np.bool_]
     """(n,) where HEARSAY bounds what it says."""
+    nearby: NDArray[np.bool_]
+    """(n,) where it has a vote from nearby."""
 
 
 def log_odds(line: Floats, plainly: Floats) -> Floats:
@@ -160,9 +164,9 @@ class LineVotes:
     """The votes of all pictures on some points. Whole numbers, so that the order of pictures does not matter."""
 
     def __init__(self, points_enu_m: Array, reach_m: float) -> None:
-        """For points (n, 3). Pictures from farther than reach_m have no vote."""
+        """For points (n, 3). Pictures from farther than reach_m have no vote. looks (n,): pictures from nearby."""
         self.points_enu_m, self._reach_m = np.ascontiguousarray(points_enu_m), reach_m
-        self._told, self._heard = np.zeros((2, len(points_enu_m)), np.int32)
+        self._told, self._heard, self.looks = np.zeros((3, len(points_enu_m)), np.int32)
 
     @property
     def log_odds(self) -> Array:
@@ -177,22 +181,23 @@ class LineVotes:
         votes = np.round(UNIT * shown.weight * log_odds(shown.line, shown.plainly)).astype(np.int32)
         self._heard += np.where(shown.hearsay, votes, 0)
         self._told += np.where(shown.hearsay, 0, votes)
+        self.looks += shown.nearby
 
     def shown(self, lines: Lines, camera: Camera, pose: Pose, surface_m: Image = UNHIDDEN) -> Shown:
         """What a picture shows at the points; as in `add`."""
         levels = np.stack([cv2.dilate(lines.strength, np.ones((edge, edge), np.uint8)) for edge in (5, 3)])
         line, plainly, weight = np.zeros((3, len(self.points_enu_m)), np.float32)
-        shown = Shown(line, plainly, weight, np.zeros(len(line), np.bool_))
+        shown = Shown(line, plainly, weight, *np.zeros((2, len(line)), np.bool_))
         _look(self.points_enu_m, np.array(pose.position_enu_m), np.ascontiguousarray(pose.enu_from_camera.T),
               camera.matrix, levels, lines.plain_dn, surface_m, WIRE_M * camera.fx_px, self._reach_m, shown.line,
-              shown.plainly, shown.weight, shown.hearsay)
+              shown.plainly, shown.weight, shown.hearsay, shown.nearby)
         return shown
 
 
 @compiled
 def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, levels: Strengths, plain_dn: Image,
           surface: Image, wire_px_m: float, reach: float, line: Floats, plainly: Floats, weight: Floats,
-          hearsay: NDArray[np.bool_]) -> None:
+          hearsay: NDArray[np.bool_], nearby: NDArray[np.bool_]) -> None:
     """Shown; levels (2, h, w): line strength at half size, spread out for near points and for far; plain_dn (h, w): of
     Lines; surface: how deep it shows; wire_px_m: pixels that a wire is wide at a distance of 1 m."""
     _, h, w = levels.shape
@@ -215,3 +220,4 @@ def _look(points: Array, at: Array, camera_from_enu: Array, matrix: Array, level
             line[i] = levels[0 if distance < NEAR_M else 1, row, column] / UNIT
             weight[i] = 0.5 if distance < WIDE_M else 1.0
             hearsay[i] = distance > FAR_M or plain_dn[row, column] > WIRE_DN
+            nearby[i] = wire_px_m >= NEAR_PX * distance
