@@ -198,3 +198,21 @@ def test_looking_along_a_leg_from_its_start_leaves_no_place_that_nobody_looked_a
         wires.see(Frame(vehicle=1, pose=Pose((at[0], at[1], at[2]), 0.0, 0.0), index=None, rgb=grass(k)))
     wires.update()
     assert wires.looked_at_edges()[through]
+
+
+@pytest.mark.parametrize(("wired", "opens_after"), [(3, 8), (6, None)])
+def test_where_little_speaks_for_a_wire_the_pictures_of_two_steps_from_nearby_are_enough(
+        wired: int, opens_after: int | None) -> None:
+    """Of ten pictures the first show a line at a place of the leg, and the others none."""
+    wires, lattice = Wires(brief()), brief().lattice
+    up = lattice.flat((2, 1, 0, 0, 0)) // lattice.orientations, AXIS_STEPS.index((0, 0, 1))
+    x, y, _ = lattice.positions_enu_m[up[0]]
+    pose, wire = Pose((x - 9.0, y, 5.5), 0.0, 0.0), np.array([[x, -20.0, 5.0], [x, 20.0, 5.0]])
+    looked = []
+    for k in range(10):
+        rgb = strung(grass(k), pose, wire) if k < wired else grass(k)
+        wires.see(Frame(vehicle=1, pose=pose, index=None, rgb=rgb))
+        wires.update()
+        looked.append(bool(wires.looked_at_edges()[up]))
+    first = looked.index(True) + 1 if any(looked) else None
+    assert first == opens_after
