@@ -104,6 +104,12 @@ class PoseLattice:
         there[ends] = 0
         return np.where(ends, UNREACHED, np.ravel_multi_index(np.moveaxis(there, -1, 0), self.shape5))
 
+    @cached_property
+    def leg_ends(self) -> Indices:
+        """(p, 6) flat number of the position that each of AXIS_STEPS leads to, UNREACHED where the lattice ends."""
+        straight = self.steps[::self.orientations, :: len(TURNS)]
+        return np.where(straight == UNREACHED, UNREACHED, straight // self.orientations)
+
     def legs(self, axis: int) -> tuple[Indices, Indices]:
         """(l,) flat numbers of the positions that each leg along an axis begins at, and of those where it ends."""
         number = np.arange(math.prod(self.shape)).reshape(self.shape)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ground_station.nbv.look_out import LookOut, leg_ends
+from ground_station.nbv.look_out import LookOut
 from missions.camera import Camera
 from missions.pose_lattice import AXIS_STEPS, PoseLattice
 from planning.nbv.lattice import in_view
@@ -29,12 +29,6 @@ def legs(*known: tuple[int, int]) -> np.ndarray:
     return open_
 
 
-def test_ends_are_where_steps_lead() -> None:
-    ends = leg_ends(LATTICE)
-    assert ends[place(1, 1, 1), EAST] == place(2, 1, 1)
-    assert ends[place(2, 1, 1), EAST] == -1
-
-
 def look_out(start: tuple[int, ...], unseen: dict[tuple[int, int], np.ndarray], times: int,
              behind: np.ndarray = EVERYWHERE) -> list[int | None]:
     """Steps of a vehicle that reaches two places, where what is unseen of legs from the second may lead on."""
@@ -42,7 +36,7 @@ def look_out(start: tuple[int, ...], unseen: dict[tuple[int, int], np.ndarray], 
     steps: list[int | None] = []
     for _ in range(times):
         step = out.first_step(at, legs((BEHIND, EAST), (HERE, WEST)), legs(*unseen), behind,
-                              lambda a, b: unseen[a, int(np.flatnonzero(leg_ends(LATTICE)[a] == b)[0])])
+                              lambda a, b: unseen[a, int(np.flatnonzero(LATTICE.leg_ends[a] == b)[0])])
         steps.append(step)
         at = at if step is None else step
     return steps
@@ -75,6 +69,16 @@ def test_it_looks_first_along_the_leg_with_more_behind_it() -> None:
         [step] = look_out((0, 1, 1, 1, 1), unseen, 1, behind)
         assert step is not None
         assert sees(step, along) == 1.0
+
+
+def test_it_looks_first_at_the_leg_that_is_nearly_known() -> None:
+    """Of one leg nine places are left to be seen, of the other as many as a leg has that nobody looked along."""
+    many = np.concatenate([ALONG_EAST + np.array([0.0, 0.0, up]) for up in np.linspace(-0.4, 0.4, 30)])
+    few, start = {(HERE, NORTH): ALONG_NORTH}, (0, 1, 1, 1, 1)
+    for unseen in (few | {(HERE, EAST): many}, {(HERE, EAST): many} | few):
+        [step] = look_out(start, unseen, 1)
+        assert step is not None
+        assert sees(step, ALONG_NORTH) == 1.0
 
 
 def test_where_a_sure_way_leads_nothing_is_looked_for() -> None:

@@ -19,7 +19,7 @@ from missions.camera import Pose
 from missions.errors import ProtocolError, UserError
 from missions.frames import Array
 from missions.nbv_trial import Answer, Ask, Choice, Failure, Frame, read_from_method, read_to_method, write_message
-from missions.pose_lattice import STEPS, UNREACHED, Index5, PoseLattice, fewest_steps, way_back
+from missions.pose_lattice import AXIS_STEPS, STEPS, UNREACHED, Index5, PoseLattice, fewest_steps, way_back
 from sim_bridge.coverage import TOLERANCE_M, in_frame
 from sim_bridge.nbv.arena import Arena
 from sim_bridge.nbv.bench import main
@@ -58,6 +58,17 @@ def test_steps_change_one_axis_and_at_most_one_angle_and_can_be_taken_back(shape
     assert (change[:, :4] == STEPS[k, :4]).all()
     assert ((change[:, 4] - STEPS[k, 4]) % shape[4] == 0).all()
     assert (lattice.steps[to] == flat[:, None]).any(axis=1).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(SHAPES)
+def test_legs_end_at_the_position_beside_or_nowhere(shape: Shape) -> None:
+    lattice = lattice_of(shape)
+    at, k = np.nonzero(lattice.leg_ends != UNREACHED)
+    change = np.stack(np.unravel_index(lattice.leg_ends[at, k], shape[:3]), axis=-1)
+    change -= np.stack(np.unravel_index(at, shape[:3]), axis=-1)
+    assert (change == np.array(AXIS_STEPS)[k]).all()
+    assert len(at) == 2 * sum(len(lattice.legs(axis)[0]) for axis in range(3))
 
 
 @settings(max_examples=25, deadline=None)

@@ -148,6 +148,25 @@ def test_a_leg_across_a_wire_is_not_flown(there: bool) -> None:
     assert wires.clear_edges()[outside]
 
 
+@pytest.mark.parametrize("there", [False, True])
+def test_nobody_is_sent_to_stand_too_near_to_a_wire(there: bool) -> None:
+    """It runs 60 cm below a position: legs from there would pass it, but the clearance is not kept."""
+    wires, lattice = Wires(brief()), brief().lattice
+    x, _, z = lattice.positions_enu_m[lattice.flat((2, 1, 0, 0, 0)) // lattice.orientations]
+    wire = np.array([[x, -20.0, z - 0.6], [x, 20.0, z - 0.6]]) if there else None
+    for k, (y, height) in enumerate(itertools.product((-4.0, -2.5, -1.0, 0.5, 2.0, 5.0), (1.0, 3.0, 6.5, 9.0))):
+        pose = Pose((0.0, y, height), 0.0, 0.0)
+        wires.see(Frame(vehicle=1, pose=pose, index=None, rgb=seen(pose, wire, k)))
+    wires.update()
+    clear = wires.clear_edges()
+    above, below = (lattice.flat((2, 1, k, 0, 0)) // lattice.orientations for k in (1, 0))
+    aside = lattice.flat((1, 1, 0, 0, 0)) // lattice.orientations
+    assert clear[below].any() != there
+    assert clear[above, AXIS_STEPS.index((0, 0, -1))] != there
+    assert clear[above, AXIS_STEPS.index((-1, 0, 0))]
+    assert clear[aside, AXIS_STEPS.index((0, 0, 1))]
+
+
 def test_a_leg_that_was_flown_is_open_both_ways() -> None:
     explored, lattice = Explored(brief()), brief().lattice
     a, b = (lattice.flat((1, 1, k, 0, 0)) // lattice.orientations for k in (0, 1))

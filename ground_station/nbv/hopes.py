@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from ground_station.nbv.look_out import leg_ends
 from missions.frames import Array
 from missions.pose_lattice import PoseLattice
 
@@ -24,9 +23,8 @@ class Hopes:
     """Remembers which legs were counted on in vain."""
 
     def __init__(self, lattice: PoseLattice) -> None:
-        self._orientations = lattice.orientations
-        self._ends = leg_ends(lattice)
-        self._counted_on = np.zeros(self._ends.shape, dtype=np.int64)
+        self._lattice = lattice
+        self._counted_on = np.zeros(lattice.leg_ends.shape, dtype=np.int64)
 
     def likely(self, open_: NDArray[np.bool_], known: NDArray[np.bool_]) -> Array:
         """(p, 6) how likely each leg is open: those that are not open_ are not, those that are known as well are."""
@@ -35,9 +33,9 @@ class Hopes:
 
     def count_on(self, start: int, poses: list[int], likely: Array) -> None:
         """A plan leads from a pose over these: the first leg that is not sure to be open is counted on."""
-        positions = [pose // self._orientations for pose in [start, *poses[:SOON]]]
+        positions = [pose // self._lattice.orientations for pose in [start, *poses[:SOON]]]
         for a, b in itertools.pairwise(positions):
-            along = int(np.flatnonzero(self._ends[a] == b)[0])
+            along = int(np.flatnonzero(self._lattice.leg_ends[a] == b)[0])
             if likely[a, along] < 1.0:
                 self._counted_on[a, along] += 1
                 self._counted_on[b, along ^ 1] += 1

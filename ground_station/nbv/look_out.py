@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from missions.camera import Camera
 from missions.frames import Array
-from missions.pose_lattice import TURNS, UNREACHED, Indices, PoseLattice, fewest_steps, way_back
+from missions.pose_lattice import UNREACHED, Indices, PoseLattice, fewest_steps, way_back
 from planning.nbv.lattice import in_view
 
 STEPS_AHEAD = 6
@@ -19,7 +19,10 @@ PER_STEP = 0.9
 IN_VAIN = 0.5
 """What a leg is worth after each view of it that did not open it."""
 LEAST = 0.05
-"""Views that show less of every leg are not worth while."""
+"""Views that show less of every leg, after vain ones, are not worth while."""
+SETTLED, FEW = 0.8, 12.0
+"""Of the places that a view frames it settles this share, the others it does not show well; a leg of which so many are
+left then is half as near to being known as one of which none are."""
 MOST_PLACES = 80
 """Of more places on a leg that must be seen, as many are looked up."""
 
@@ -32,8 +35,7 @@ class LookOut:
 
     def __init__(self, lattice: PoseLattice, camera: Camera) -> None:
         self._lattice, self._camera = lattice, camera
-        self._ends = leg_ends(lattice)
-        self._looks = np.zeros(self._ends.shape, dtype=np.int64)
+        self._looks = np.zeros(lattice.leg_ends.shape, dtype=np.int64)
 
     def first_step(self, here: int, sure: NDArray[np.bool_], maybe: NDArray[np.bool_], behind: Array,
                    not_known_free: Callable[[int, int], Array]) -> int | None:
@@ -49,11 +51,14 @@ class LookOut:
         legs = self._onward(np.unique(poses // self._lattice.orientations), maybe, reached)
         if not legs or not len(poses):
             return None
-        ends = [int(self._ends[a, k]) for a, k in legs]
-        shown = self._shown(poses, legs, [not_known_free(a, b) for (a, _), b in zip(legs, ends, strict=True)])
-        worth = shown * PER_STEP ** (distance[poses] - 1.0)[:, None] * behind[ends] / max(behind[ends].max(), 1e-9)
+        ends = [int(self._lattice.leg_ends[a, k]) for a, k in legs]
+        unseen = [not_known_free(a, b) for (a, _), b in zip(legs, ends, strict=True)]
+        shown = self._shown(poses, legs, unseen)
+        left = (1.0 - SETTLED * shown) * [len(points) for points in unseen]
+        worth = np.where(shown < LEAST, 0.0, shown / (1.0 + left / FEW))
+        worth *= PER_STEP ** (distance[poses] - 1.0)[:, None] * behind[ends]
         best, leg = (int(n) for n in np.unravel_index(int(worth.argmax()), worth.shape))
-        if worth[best, leg] < LEAST:
+        if worth[best, leg] <= 0.0:
             return None
         if distance[poses[best]] == 1:
             self._looks[legs[leg]] += 1
@@ -61,7 +66,7 @@ class LookOut:
 
     def _onward(self, places: Indices, maybe: NDArray[np.bool_], reached: NDArray[np.bool_]) -> list[Leg]:
         """Legs that may be open and lead from places to where no sure way leads."""
-        ends = self._ends[places]
+        ends = self._lattice.leg_ends[places]
         start, step = np.nonzero(maybe[places] & (ends != UNREACHED) & ~reached[ends])
         return [(int(places[a]), int(k)) for a, k in zip(start, step, strict=True)]
 
@@ -73,14 +78,9 @@ class LookOut:
         result = np.zeros((len(poses), len(legs)))
         for n, ((start, step), points) in enumerate(zip(legs, unseen, strict=True)):
             some = points[:: 1 + len(points) // MOST_PLACES]
-            for place in np.unique(places[np.isin(places, [start, *self._ends[start]])]) if len(some) else ():
+            near = np.isin(places, [start, *self._lattice.leg_ends[start]])
+            for place in np.unique(places[near]) if len(some) else ():
                 share = in_view(some - self._lattice.positions_enu_m[place], yaw, elevation, self._camera).mean(axis=0)
                 at = places == place
                 result[at, n] = share[orientation[at]] * IN_VAIN ** self._looks[start, step]
         return result
-
-
-def leg_ends(lattice: PoseLattice) -> NDArray[np.int64]:
-    """(p, 6) position to which each axis step leads; negative where there is none."""
-    straight = lattice.steps[::lattice.orientations, :: len(TURNS)]
-    return np.where(straight >= 0, straight // lattice.orientations, -1)

@@ -24,6 +24,10 @@ STRUNG, NONE_STRUNG = 8.0, -2.5
 is none. Between them nobody knows, and a leg is not flown either ..."""
 LEAST_LOOKS, HARDLY = 8, 3.0
 """... but where the pictures of two steps from nearby leave the odds below this: most places are on no wire."""
+TOO_NEAR, TOO_NEAR_SHARE = 20.0, 0.75
+"""Above this logarithm of the odds at any place within this share of the clearance nobody stands at a position. It is
+higher than STRUNG, for a vehicle that stands there is safe, only too near to be let fly; and a line is found within a
+quarter of a metre of where it is."""
 
 
 class Wires:
@@ -34,8 +38,10 @@ class Wires:
         low, high = (np.array(corner) for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
         self._legs = [_swept(self._lattice, axis, low - brief.fleet.radius_m, high + brief.fleet.radius_m)
                       for axis in range(3)]
+        self._balls = _balls(self._lattice, TOO_NEAR_SHARE * brief.fleet.clearance_m, low, high)
         reach_m = min(WIRE_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
-        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
+        self._votes = LineVotes(np.concatenate([points for points, _ in [*self._legs, self._balls]]),
+                                reach_m)
         self._workers, self._new, self._voted = ThreadPoolExecutor(get_num_threads()), list[Frame](), 0
         self._stood = np.zeros(len(self._votes.points_enu_m), dtype=np.bool_)
 
@@ -56,8 +62,17 @@ class Wires:
         self._stood |= np.linalg.norm(self._votes.points_enu_m - position_enu_m, axis=1) <= clearance_m
 
     def clear_edges(self) -> NDArray[np.bool_]:
-        """(p, 6) lattice steps where no wire shows in the pictures."""
-        return self._edges(self._stood | (self._votes.log_odds <= STRUNG))
+        """(p, 6) lattice steps where no wire shows in the pictures, neither on the way nor near its ends."""
+        ends, standable = self._lattice.leg_ends, self._standable()
+        result: NDArray[np.bool_] = self._edges(self._stood | (self._votes.log_odds <= STRUNG))
+        return result & standable[:, None] & standable[ends]
+
+    def _standable(self) -> NDArray[np.bool_]:
+        """(p,) positions that no wire shows near to."""
+        points, owner = self._balls
+        near = self._votes.log_odds[len(self._votes.points_enu_m) - len(points):] > TOO_NEAR
+        result: NDArray[np.bool_] = np.bincount(owner[near], minlength=len(self._lattice.positions_enu_m)) == 0
+        return result
 
     def looked_at_edges(self) -> NDArray[np.bool_]:
         """(p, 6) lattice steps where wires would show, and none does."""
@@ -103,5 +118,15 @@ def _swept(lattice: PoseLattice, axis: int, low: Array, high: Array) -> tuple[Ar
     along = start[:, None] + np.linspace(0.0, 1.0, samples)[:, None] * (end - start)[:, None]
     across = SPACING_M * np.stack(np.meshgrid(*3 * ((-1.0, 0.0, 1.0),), indexing="ij"), axis=-1).reshape(-1, 3)
     points = along[:, :, None] + across[across[:, axis] == 0.0]
+    inside = ((points > low) & (points < high)).all(axis=-1)
+    return points[inside], np.nonzero(inside)[0]
+
+
+def _balls(lattice: PoseLattice, radius_m: float, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
+    """(n, 3) points SPACING_M apart, and no farther than a radius from positions, inside a box, and (n,) the position
+    of each."""
+    side = SPACING_M * np.arange(-math.floor(radius_m / SPACING_M), math.floor(radius_m / SPACING_M) + 1)
+    ball = np.stack(np.meshgrid(side, side, side, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = lattice.positions_enu_m[:, None] + ball[np.linalg.norm(ball, axis=1) <= radius_m]
     inside = ((points > low) & (points < high)).all(axis=-1)
     return points[inside], np.nonzero(inside)[0]
