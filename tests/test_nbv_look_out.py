@@ -11,7 +11,7 @@ from planning.nbv.lattice import in_view
 
 LATTICE = PoseLattice((0.0, 0.0, 0.0), (8.0, 8.0, 8.0), (3, 3, 3), (-30.0, 0.0, 30.0), 8)
 CAMERA = Camera.from_diagonal_fov(96, 64, 84.0)
-EAST, WEST, NORTH = (AXIS_STEPS.index(step) for step in ((1, 0, 0), (-1, 0, 0), (0, 1, 0)))
+EAST, WEST, NORTH, SOUTH = (AXIS_STEPS.index(step) for step in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)))
 EVERYWHERE = np.ones(27)
 
 
@@ -79,6 +79,18 @@ def test_it_looks_first_at_the_leg_that_is_nearly_known() -> None:
         [step] = look_out(start, unseen, 1)
         assert step is not None
         assert sees(step, ALONG_NORTH) == 1.0
+
+
+def test_what_shows_two_legs_is_looked_at_before_what_shows_a_little_better_one() -> None:
+    """Two begin side by side in the north-east, the other leads south, with more behind it."""
+    north_east = np.array([4.0, 4.0, 4.0]) + np.linspace(1.0, 2.0, 9)[:, None] * [1.0, 1.0, 0.0]
+    south = np.array([4.0, 4.0, 4.0]) - np.linspace(1.0, 2.5, 9)[:, None] * [0.0, 1.0, 0.0]
+    behind = EVERYWHERE.copy()
+    behind[place(1, 0, 1)] = 1.2
+    both = {(HERE, EAST): north_east, (HERE, NORTH): north_east, (HERE, SOUTH): south}
+    *_, step = look_out((0, 1, 1, 1, 7), both, 2, behind)
+    assert step is not None
+    assert sees(step, north_east) == 1.0
 
 
 def test_where_a_sure_way_leads_nothing_is_looked_for() -> None:

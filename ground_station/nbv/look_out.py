@@ -53,11 +53,10 @@ class LookOut:
             return None
         ends = [int(self._lattice.leg_ends[a, k]) for a, k in legs]
         unseen = [not_known_free(a, b) for (a, _), b in zip(legs, ends, strict=True)]
-        shown = self._shown(poses, legs, unseen)
-        left = (1.0 - SETTLED * shown) * [len(points) for points in unseen]
-        worth = np.where(shown < LEAST, 0.0, shown / (1.0 + left / FEW))
-        worth *= PER_STEP ** (distance[poses] - 1.0)[:, None] * behind[ends]
-        best, leg = (int(n) for n in np.unravel_index(int(worth.argmax()), worth.shape))
+        worth = self._nearer_to_known(poses, legs, unseen) * behind[ends]
+        worth *= PER_STEP ** (distance[poses] - 1.0)[:, None]
+        best = int(worth.sum(axis=1).argmax())
+        leg = int(worth[best].argmax())
         if worth[best, leg] <= 0.0:
             return None
         if distance[poses[best]] == 1:
@@ -69,6 +68,13 @@ class LookOut:
         ends = self._lattice.leg_ends[places]
         start, step = np.nonzero(maybe[places] & (ends != UNREACHED) & ~reached[ends])
         return [(int(places[a]), int(k)) for a, k in zip(start, step, strict=True)]
+
+    def _nearer_to_known(self, poses: Indices, legs: list[Leg], unseen: list[Array]) -> Array:
+        """(poses, legs) how much nearer each pose brings each leg to being known: the more, the more of it is shown and
+        the less is left then."""
+        shown = self._shown(poses, legs, unseen)
+        left = (1.0 - SETTLED * shown) * [len(points) for points in unseen]
+        return np.where(shown < LEAST, 0.0, shown / (1.0 + left / FEW))
 
     def _shown(self, poses: Indices, legs: list[Leg], unseen: list[Array]) -> Array:
         """(poses, legs) share that each pose shows of what must be seen of each leg, less where that was in vain. Only
