@@ -34,6 +34,9 @@ SWEEP = SweepSettings(shrink=3, planes=80)
 """A third of the time of the default sweep; which views to take hardly depends on the difference."""
 MEASURED = 0.1
 """Error of the measured places of surface that is allowed for."""
+SLIVER = 0.1 * VOXEL
+"""Voxels into which the object's box reaches no farther than this hold nothing of it: its ends are not known better,
+and every leg outwards would wait until a layer of such voxels was seen."""
 RIM = 3.0
 """How far the map reaches beyond lattice and object."""
 
@@ -113,9 +116,9 @@ class Explored:
         return self._map.surface()
 
     def inside_object_box(self) -> tuple[slice, ...]:
-        """The part of the grid that the object's box touches."""
-        low = np.maximum(self.grid.index(self.object_min), 0)
-        high = self.grid.index(self.object_max) + 1
+        """The part of the grid that the object's box reaches into."""
+        low = np.maximum(self.grid.index(self.object_min + SLIVER), 0)
+        high = self.grid.index(self.object_max - SLIVER) + 1
         return tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
 
     def open_edges(self) -> NDArray[np.bool_]:
