@@ -38,10 +38,10 @@ class Wires:
         low, high = (np.array(corner) for corner in (brief.object_min_enu_m, brief.object_max_enu_m))
         self._legs = [_swept(self._lattice, axis, low - brief.fleet.radius_m, high + brief.fleet.radius_m)
                       for axis in range(3)]
-        self._balls = _balls(self._lattice, TOO_NEAR_SHARE * brief.fleet.clearance_m, low, high)
+        around, self._owner = _around(self._lattice, TOO_NEAR_SHARE * brief.fleet.clearance_m, low, high)
         reach_m = min(WIRE_M * brief.camera.fx_px / LEAST_PX, brief.sensing_range_m)
-        self._votes = LineVotes(np.concatenate([points for points, _ in [*self._legs, self._balls]]),
-                                reach_m)
+        self._votes = LineVotes(np.concatenate([points for points, _ in self._legs]), reach_m)
+        self._around = LineVotes(around, reach_m)
         self._workers, self._new, self._voted = ThreadPoolExecutor(get_num_threads()), list[Frame](), 0
         self._stood = np.zeros(len(self._votes.points_enu_m), dtype=np.bool_)
 
@@ -53,7 +53,8 @@ class Wires:
         """Every new picture votes. surface_m: how deep the n-th picture shows, as `LineVotes` takes it."""
         lines = self._workers.map(lambda frame: Lines.of(frame.rgb), self._new)
         for n, (frame, found) in enumerate(zip(self._new, lines, strict=True), self._voted):
-            self._votes.add(found, self._camera, frame.pose, surface_m(n))
+            for votes in (self._votes, self._around):
+                votes.add(found, self._camera, frame.pose, surface_m(n))
         self._voted += len(self._new)
         self._new.clear()
 
@@ -69,9 +70,8 @@ class Wires:
 
     def _standable(self) -> NDArray[np.bool_]:
         """(p,) positions that no wire shows near to."""
-        points, owner = self._balls
-        near = self._votes.log_odds[len(self._votes.points_enu_m) - len(points):] > TOO_NEAR
-        result: NDArray[np.bool_] = np.bincount(owner[near], minlength=len(self._lattice.positions_enu_m)) == 0
+        result = np.ones(len(self._lattice.positions_enu_m), dtype=np.bool_)
+        result[self._owner[self._around.log_odds > TOO_NEAR]] = False
         return result
 
     def looked_at_edges(self) -> NDArray[np.bool_]:
@@ -116,17 +116,24 @@ def _swept(lattice: PoseLattice, axis: int, low: Array, high: Array) -> tuple[Ar
     start, end = lattice.positions_enu_m[a], lattice.positions_enu_m[b]
     samples = 1 + math.ceil(np.linalg.norm(end - start, axis=1).max(initial=0.0) / SPACING_M)
     along = start[:, None] + np.linspace(0.0, 1.0, samples)[:, None] * (end - start)[:, None]
-    across = SPACING_M * np.stack(np.meshgrid(*3 * ((-1.0, 0.0, 1.0),), indexing="ij"), axis=-1).reshape(-1, 3)
-    points = along[:, :, None] + across[across[:, axis] == 0.0]
-    inside = ((points > low) & (points < high)).all(axis=-1)
-    return points[inside], np.nonzero(inside)[0]
+    across = _cube(1)
+    return _inside(along[:, :, None] + across[across[:, axis] == 0.0], low, high)
 
 
-def _balls(lattice: PoseLattice, radius_m: float, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
+def _around(lattice: PoseLattice, radius_m: float, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
     """(n, 3) points SPACING_M apart, and no farther than a radius from positions, inside a box, and (n,) the position
     of each."""
-    side = SPACING_M * np.arange(-math.floor(radius_m / SPACING_M), math.floor(radius_m / SPACING_M) + 1)
-    ball = np.stack(np.meshgrid(side, side, side, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = lattice.positions_enu_m[:, None] + ball[np.linalg.norm(ball, axis=1) <= radius_m]
+    ball = _cube(math.floor(radius_m / SPACING_M))
+    return _inside(lattice.positions_enu_m[:, None] + ball[np.linalg.norm(ball, axis=1) <= radius_m], low, high)
+
+
+def _cube(rings: int) -> Array:
+    """(n, 3) offsets SPACING_M apart, so many to each side of the middle."""
+    side = SPACING_M * np.arange(-rings, rings + 1.0)
+    return np.stack(np.meshgrid(side, side, side, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _inside(points: Array, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
+    """(n, 3) those of points (m, ..., 3) that lie in a box, and (n,) which of the m each belongs to."""
     inside = ((points > low) & (points < high)).all(axis=-1)
     return points[inside], np.nonzero(inside)[0]
